@@ -340,6 +340,52 @@ def test_repeated_triangles_change_no_inside(rows: Any, turned: tuple[int, ...],
     assert not mesh.holds(np.array([0.013, 3.02, 0.03]))
 
 
+def block(low: list[float], high: list[float], inverted: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    vertices, faces = cube(1, inverted=inverted)
+    return (vertices + 0.5) * np.subtract(high, low) + low, faces
+
+
+FURNITURE = block([-2, -2, -2], [2, 2, 0])
+"""A block on the whole floor of a room, whose bottom and floor are the same triangles."""
+
+
+@pytest.mark.parametrize("repeated", [None, 1, 2])
+@pytest.mark.parametrize("sheet", [False, True])
+@pytest.mark.parametrize("order", [(0, 1, 2), (0, 2, 1), (2, 0, 1)])
+def test_furniture_that_shares_the_floor_of_a_room_is_solid(
+    order: tuple[int, ...], sheet: bool, repeated: int | None
+) -> None:
+    """With one repeated triangle, or an open sheet at a wall, the room was hollow in its furniture, or solid in the air."""
+    bodies = [cube(6), block([-2, -2, -2], [2, 2, 2], inverted=True), FURNITURE]
+    if repeated is not None:
+        bodies[repeated] = bodies[repeated][0], bodies[repeated][1][[0, 1, 2, 3, 3, *range(4, 12)]]
+    parts = [bodies[k] for k in order]
+    if sheet:
+        parts.insert(0, (np.array([[2.0, 2, 2], [2, 2, -2], [1, 1, 0]]), np.array([[0, 1, 2]])))
+    mesh = Mesh(*together(*parts), False)
+    assert mesh.holds(np.array([0.1, 0.2, -1.1]))
+    assert not mesh.holds(np.array([0.1, 0.2, 1.1]))
+    assert mesh.holds(np.array([0.1, 0.2, 2.5]))
+    assert mesh.closed != sheet
+
+
+def test_surfaces_that_enclose_nothing_take_little_time() -> None:
+    """Three triangles at one edge, anywhere, made each lone triangle take 0.6 ms; and cubes in a row repeated millions."""
+    rng, began = np.random.default_rng(0), time.process_time()
+    corners = rng.uniform(-1, 1, (60_000, 3, 3))
+    corners[1:3, :2] = corners[0, :2]
+    assert not Interior(corners.reshape(-1, 3), np.arange(180_000).reshape(-1, 3)).any_solid
+    row = [cube(1, float(k)) for k in range(300)]
+    sides = [
+        (vertices, np.delete(faces, np.flatnonzero(np.ptp(vertices[faces][:, :, 0], axis=1) == 0), axis=0))
+        for vertices, faces in row
+    ]
+    walls = [(vertices, faces[np.ptp(vertices[faces][:, :, 0], axis=1) == 0]) for vertices, faces in row]
+    inner = Interior(*together(*sides, *walls, (row[0][0], walls[0][1][:1])))
+    assert len(inner.faces) < 2**19
+    assert time.process_time() - began < 20
+
+
 def test_triangles_of_bodies_that_are_oriented_alike_may_come_in_any_order() -> None:
     """A triangle of both was taken for a closed surface if it came twice in a row."""
     vertices, faces = together(cube(4), ((cube(4)[0] + 2) * [0.8, 1, 1] - 2, cube(4)[1]))

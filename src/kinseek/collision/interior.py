@@ -51,8 +51,11 @@ interrupts a call, which takes up to some seconds."""
 OPEN, NOTHING = -1, -2
 """See `Interior.bounds`."""
 
-_MOST_PATCHES, _MOST_REPEATED = 1000, 2**20
-"""Most patches of connected triangles for which `_cycles` takes its time, and most triangles that it repeats."""
+_MOST_PATCHES, _MOST_REPEATED = 1000, 2**18
+"""Most patches of connected triangles for which `_cycles` takes its time, and most triangles that are repeated."""
+
+_PEELINGS = 50
+"""Rounds in which triangles that enclose nothing are left out."""
 
 _BOUNDS = 4
 """Surfaces whose bounds are compared in the time of a comparison with one triangle."""
@@ -271,8 +274,9 @@ def _closed_surfaces(vertices: Array, faces: Indices) -> tuple[Indices, Indices,
     corners = places.ravel()[faces]
     extended = np.flatnonzero((corners != np.roll(corners, 1, axis=1)).all(axis=1))
     corners = corners[extended]
+    ordered = np.ones(len(corners), dtype=np.bool_)
     if _shares_edges(corners):
-        rows, part = _parts(corners)
+        rows, part, ordered = _parts(corners)
         extended, corners = extended[rows], _apart(corners[rows], part)
         _, first = np.unique(extended, return_index=True)
         again = np.delete(np.arange(len(extended)), first)
@@ -281,6 +285,7 @@ def _closed_surfaces(vertices: Array, faces: Indices) -> tuple[Indices, Indices,
     left = _without_opposites(corners)
     used = extended[left]
     flipped, surface, closed, trusted = _surfaces(corners[left])
+    trusted[surface[~ordered[left]]] = False
     faces = faces.copy()
     faces[used[flipped]] = faces[used[flipped], ::-1]
     found = np.full(len(faces), OPEN)
@@ -300,18 +305,18 @@ def _shares_edges(corners: Indices) -> bool:
     return bool((edges[2:] == edges[:-2]).any())
 
 
-def _parts(corners: Indices) -> tuple[Indices, Indices]:
+def _parts(corners: Indices) -> tuple[Indices, Indices, Bools]:
     """Divide connected triangles into parts, in the order of the file: triangles that follow each other and are closed.
 
-    First those that pass each edge as often in one direction as in the other; then those that pass it an even number of
-    times, and need to be turned over. If some are left, everything that the connected triangles enclose is a part.
+    First those that pass each edge as often in one direction as in the other; then those that do without repeated triangles;
+    then those that pass it an even number of times, and need to be turned over. What others enclose are parts, too.
 
     Args:
         corners: Triangles with three different corners, (f, 3).
 
     Returns:
-        The triangles in parts, (g,), and the number of the part of each, (g,). A triangle may be in several; a repeated one
-        may be in none.
+        The triangles in parts, (g,), the number of the part of each, (g,), and which are in the order of the file, (g,). A
+        triangle may be in several parts; a repeated one may be in none.
     """
     edges, forward = _edges(corners)
     same, sign = _distinct(corners)
@@ -321,41 +326,81 @@ def _parts(corners: Indices) -> tuple[Indices, Indices]:
     directed = (of_edge * way).reshape(-1, 3).sum(axis=1).tolist(), (own * sign).tolist()
     even = np.bitwise_xor.reduce(of_edge.reshape(-1, 3), axis=1).tolist(), own.tolist()
 
-    component = _components(len(corners), *_chained(edges))
+    inner = np.flatnonzero(_may_enclose(edges.reshape(-1, 3), same))
+    between = edges.reshape(-1, 3)[inner].ravel()
+    component = _components(len(inner), *_chained(between))
+    shared = np.zeros(int(component.max(initial=-1)) + 1, dtype=np.bool_)
+    shared[component[(np.bincount(between)[between] > 2).reshape(-1, 3).any(axis=1)]] = True
     order = np.argsort(component, kind="stable")
-    parts = list[Indices]()
-    for members in np.split(order, np.flatnonzero(np.diff(component[order])) + 1):
+    groups = np.split(inner[order], np.flatnonzero(np.diff(component[order])) + 1) if len(inner) else []
+    parts, cycles, total = list[Indices](), list[Indices](), 0
+    open_ones = [np.setdiff1d(np.arange(len(corners)), inner)]
+    for members, divided in zip(groups, shared.tolist(), strict=True):
+        if not divided:
+            parts.append(members)
+            continue
         found, left = _runs(members.tolist(), *directed, add)
-        more, left = _runs(left, *even, xor)
-        # Of three copies of a triangle that has to be turned over, one counts.
-        runs = [np.array(each) for each in found] + [_once(np.array(each), same, odd=True) for each in more]
-        if left:
-            once = _once(members, same)
-            cycles = [once[each] for each in _cycles(corners[once])]
-            runs = (
-                [*cycles, np.setdiff1d(once, np.concatenate(cycles))] if cycles else [*runs, np.array(left)]
-            )
+        # Among those that are left, a triangle that is repeated counts once.
+        again, left = _runs(_once(left, 2 * same + (sign > 0)), *directed, add)
+        more, left = _runs(_once(left, same), *even, xor)
+        runs = [np.array(each) for each in (*found, *again, *more)]
         parts += runs
-    return np.concatenate(parts).astype(np.int64), np.repeat(
-        np.arange(len(parts)), [len(each) for each in parts]
-    )
+        known = np.unique(same[np.concatenate(runs)]) if runs else same[:0]
+        if len(rest := np.array(left, dtype=np.int64)[~np.isin(same[left], known)]):
+            once = np.array(_once(members.tolist(), same))
+            some = [once[each] for each in _cycles(corners[once], np.isin(same[once], same[rest]))]
+            total += sum(len(each) for each in some)
+            cycles += some if total <= _MOST_REPEATED else []
+            open_ones.append(
+                rest if total > _MOST_REPEATED or not some else np.setdiff1d(rest, np.concatenate(some))
+            )
+    ends = np.cumsum([len(each) for each in (*parts, *open_ones, *cycles)])
+    rows = np.concatenate([*parts, *open_ones, *cycles])
+    number = np.searchsorted(ends, np.arange(len(rows)), side="right")
+    number[(number >= len(parts)) & (number < len(parts) + len(open_ones))] = len(parts)
+    return rows, number, number <= len(parts)
 
 
-def _once(triangles: Indices, same: Indices, odd: bool = False) -> Indices:
-    """Return the first triangle of those that have the same number in `same`, or of those with an odd count."""
-    _, first, counts = np.unique(same[triangles], return_index=True, return_counts=True)
-    rows: Indices = np.sort(first[counts % 2 == 1] if odd else first)
-    return np.asarray(triangles[rows])
+def _may_enclose(edges: Indices, same: Indices) -> Bools:
+    """Leave out triangles that are the only one at an edge, then those that are so without them, and so on.
+
+    Args:
+        edges: The edges of each triangle, (f, 3).
+        same: A number that only triangles with the same corners share, (f,).
+
+    Returns:
+        Which triangles are left, (f,). After `_PEELINGS` rounds some may be left that enclose nothing.
+    """
+    numbers, first = np.unique(same, return_index=True)
+    alive = first
+    for _ in range(_PEELINGS):
+        around = edges[alive]
+        kept = (np.bincount(around.ravel())[around] > 1).all(axis=1)
+        if kept.all():
+            break
+        alive = alive[kept]
+    found = np.zeros(int(numbers.max()) + 1, dtype=np.bool_)
+    found[same[alive]] = True
+    return np.asarray(found[same])
 
 
-def _cycles(corners: Indices) -> list[Indices]:
-    """Return sets of triangles that pass each edge an even number of times, such that all other such sets are sums of them.
+def _once(triangles: list[int], number: Indices) -> list[int]:
+    """Return the first one of the triangles that have the same number."""
+    _, first = np.unique(number[triangles], return_index=True)
+    kept: list[int] = np.asarray(triangles)[np.sort(first)].tolist()
+    return kept
 
-    A point that one of all these sets winds around is then inside of at least one that is returned. It is Gaussian
-    elimination modulo 2, of patches that only end where other than two triangles meet.
+
+def _cycles(corners: Indices, wanted: Bools) -> list[Indices]:
+    """Return sets of triangles that pass each edge an even number of times, for all wanted triangles that are in any.
+
+    All other such sets with wanted triangles are sums of these and of sets without one. So where one of them winds around a
+    point, one that is returned does, or one without a wanted triangle. It is Gaussian elimination modulo 2, of patches that
+    end only where other than two triangles meet.
 
     Args:
         corners: Different triangles, (f, 3).
+        wanted: Which of them are wanted, (f,).
 
     Returns:
         The triangles of each; none if there are too many patches or triangles.
@@ -373,18 +418,19 @@ def _cycles(corners: Indices) -> list[Indices]:
     passed = [0] * number  # A bit for each edge that a patch passes an odd number of times.
     for k, edge in zip(patch[ends // 3].tolist(), rim.tolist(), strict=True):
         passed[k] ^= 1 << edge
+    is_wanted = np.bincount(patch[wanted], minlength=number) > 0
     pivots, found, total = dict[int, tuple[int, int]](), list[Indices](), 0
-    for k in range(number):
+    for k in np.argsort(is_wanted, kind="stable").tolist():
         rest, sum_of = passed[k], 1 << k
         while rest and (pivot := pivots.get(rest & -rest)):
             rest, sum_of = rest ^ pivot[0], sum_of ^ pivot[1]
         if rest:
             pivots[rest & -rest] = rest, sum_of
-            continue
-        found.append(np.flatnonzero(np.array([sum_of >> k & 1 for k in range(number)])[patch]))
-        total += len(found[-1])
-        if total > max(_MOST_REPEATED, 2 * len(corners)):
-            return []
+        elif is_wanted[k]:
+            found.append(np.flatnonzero(np.array([sum_of >> j & 1 for j in range(number)])[patch]))
+            total += len(found[-1])
+            if total > _MOST_REPEATED:
+                return []
     return found
 
 
