@@ -101,6 +101,13 @@ def test_the_last_move_is_not_too_short(tmp_path: Path) -> None:
         assert sum(times) == pytest.approx(duration)
 
 
+def test_no_step_of_a_stream_is_longer_than_a_period(tmp_path: Path) -> None:
+    """The last but one was left out if it was near the end: the last step was up to half as fast again."""
+    trajectory = smooth(duration=2.04)
+    found = points(written(tmp_path, "seam.script", trajectory, 0.1))
+    np.testing.assert_allclose(found[[0, 19, 20, 21]], trajectory.q([0.0, 1.9, 2.0, 2.04]), atol=1e-9)
+
+
 @pytest.mark.parametrize(("file", "language", "period"), PROGRAMS)
 def test_names_from_files_never_become_code(
     file: str, language: str, period: float | None, tmp_path: Path

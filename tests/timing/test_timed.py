@@ -528,6 +528,21 @@ def test_poses_of_uneven_distances_do_not_swing_the_tip_out(near: float, back: b
     assert path.timed(acceleration=8.0).deviation < 0.03
 
 
+@pytest.mark.parametrize("jerk", [None, 100.0])
+def test_the_speed_of_the_tip_before_a_stop_is_that_of_the_motion_before_it(jerk: float | None) -> None:
+    """Its bound was taken in the direction of the motion after it: up to three times too large, or too small."""
+    arm = kinseek.load("ur5e")
+    for seed in range(6):
+        path = arm.follow(arm.fk(arm.sample(4, seed=seed)), max_step=0.01)
+        assert len(path.breaks) == 3
+        trajectory = path.timed(acceleration=8.0, jerk=jerk, tool_speed=0.25)
+        kept = trajectory.limits_kept.tool_speed
+        assert kept is not None
+        q = trajectory.tip(np.linspace(0.0, trajectory.duration, 20_001))[:, :3, 3]
+        speed = np.linalg.norm(np.diff(q, axis=0), axis=1).max() / (trajectory.duration / 20_000)
+        assert speed / 0.25 * (1.0 - 1e-4) <= kept <= 1.0
+
+
 def test_a_rate_of_zero_has_no_share_of_a_limit() -> None:
     """It was multiplied by an infinite bound of the speed: NaN."""
     rates, squares = np.array([[[0.0, 0.0, 0.0], [1.0, 2.0, 3.0]]]), np.array([[[1e-9, 1.0, 5.0]]])

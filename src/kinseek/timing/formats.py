@@ -56,7 +56,8 @@ def save(
         write_table(form.place, table(trajectory, period), Path(file).suffix)
         return
     points = _samples(trajectory, period)
-    if period is not None:
+    # Of a stream each point takes a whole period, also the last one.
+    if period is not None and not form.language.needs_period:
         points = _without_short_end(points)
     text = program(
         trajectory.mechanism,

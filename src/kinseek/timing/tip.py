@@ -29,6 +29,9 @@ MOST_PARTS = 2**12
 INNER = 4
 """Parts of a piece at whose ends the speed of the tip is computed."""
 
+SAME_SLOPE = 1e-6
+"""Relative difference of the slopes of two pieces, up to which rounding explains it."""
+
 NOTHING = 1e-12
 """Distances below this are not bounded more closely [m]."""
 
@@ -85,12 +88,20 @@ def speed_bounds(chain: SerialChain, curve: Curve) -> tuple[Array, Array]:
     velocity = np.einsum("kij,kj->ki", jacobian_many(chain.arrays, fine.values)[:, :3], rate)
     square = (velocity**2).sum(axis=1)
     knots, bounds, width = square[::INNER], TipBounds(chain, curve), curve.widths / INNER
+    begins, ends = knots[:-1], knots[1:].copy()
+    # At a stop the direction of motion changes, and the piece before it ends with another one.
+    turns = np.abs(curve.slopes[1:, :, 0] - curve.slopes[:-1, :, 2]).max(axis=1)
+    stops = np.flatnonzero(turns > SAME_SLOPE * np.abs(curve.slopes).max())
+    before = np.einsum(
+        "kij,kj->ki", jacobian_many(chain.arrays, curve.begins[stops + 1])[:, :3], curve.slopes[stops, :, 2]
+    )
+    ends[stops] = (before**2).sum(axis=1)
     # Between two points linear interpolation deviates by at most h²/8 of the second derivative, 2 |p''|² + 2 p' p'''.
     inner = np.arange(INNER) / INNER
-    above = square[:-1].reshape(-1, INNER) - knots[:-1, None] - inner * np.diff(knots)[:, None]
+    above = square[:-1].reshape(-1, INNER) - begins[:, None] - inner * (ends - begins)[:, None]
     speed = np.sqrt(square[:-1].reshape(-1, INNER).max(axis=1)) + INNER * width * bounds.second
     over = above.max(axis=1) + width**2 / 4.0 * (bounds.second**2 + speed * bounds.third)
-    return np.stack([knots[:-1] + over, knots[1:] + over], axis=1), knots
+    return np.stack([begins + over, ends + over], axis=1), knots
 
 
 def line_distance(chain: SerialChain, curve: Curve, poses: Indices) -> Array:
