@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -575,7 +576,43 @@ def test_bodies_are_named_over_the_whole_of_a_long_motion(monkeypatch: pytest.Mo
     q0, q1 = np.array([0.0, -1.2, 1.4, -0.5, 0.7, 0.1]), np.array([2.0, -1.2, 1.4, -0.5, 0.7, 0.1])
     scene.add_box("at the begin", [0.1] * 3, arm.fk(q0))
     scene.add_box("at the end", [0.1] * 3, arm.fk(q1))
-    monkeypatch.setattr(module, "MOST_NAMED", 10)
-    swept = Session(arm, scene).swept(arm.move(q0, q1, 1.0, 1.0))
-    assert {"at the begin", "at the end", module.OTHERS} <= set(swept.hit)
+    motion, session = arm.move(q0, q1, 1.0, 1.0), Session(arm, scene)
+    assert {"at the begin", "at the end"} <= set(session.swept(motion).hit)
+    assert module.OTHERS not in session.swept(motion).hit
+    clock = MagicMock()
+    clock.monotonic.side_effect = (k * module.NAMING / 20 for k in itertools.count())
+    monkeypatch.setattr(module, "time", clock)
+    swept = session.swept(motion)
+    assert {"at the begin", "at the end"} <= set(swept.hit)
     assert swept.hit[-1] == module.OTHERS
+    assert session.swept(motion, stopped=lambda: True).hit == ()
+
+
+def test_passes_of_a_search_before_do_not_stay_where_none_were_recorded(sessions: dict[str, Session]) -> None:
+    with page_of(sessions["ur5e"]) as page:
+        page.panel.passes.value = True
+        page.change(search="DivideAndConquer")
+        rest(page)
+        page.view.show_pass = drawn = MagicMock()
+        page.pick(1)
+        rest(page)
+        assert page.trace is None
+        assert "recorded no passes" in page.panel.pass_text.content
+        assert drawn.call_args.args == (None, None)
+
+
+def test_a_motion_that_is_played_stops_no_clouds(sessions: dict[str, Session]) -> None:
+    """Each picture made them wait again, and the passes of the goal before stayed for as long."""
+    arm = sessions["ur5e"].arm
+    q0, q1 = arm.sample(2, seed=3)
+    with page_of(sessions["ur5e"], arm.move(q0, q1, 0.2, 0.2)) as page:
+        page.panel.passes.value = True
+        page.show_passes(True)
+        rest(page)
+        page.view.show_cloud = drawn = MagicMock()
+        page.play_motion(True)
+        wait_until(lambda: page.trace is None)
+        page.change(samples=True)
+        wait_until(lambda: any(call.args[1] is not None for call in drawn.call_args_list))
+        assert not page._player.idle
+        assert page.panel.pass_text.content == ""

@@ -279,8 +279,8 @@ class Page:
             self._show_result(words.note_html(ON_MOTION))
             self.panel.branches.content = self.panel.call.content = ""
             self.panel.time.value = t
-        if self.trace is not None:
-            self._clouder.give("again")
+            if self.trace is not None:
+                self._hide_passes()
 
     def _show_result(self, content: str) -> None:
         """Show what is known about the goal, unless the last change was refused."""
@@ -466,9 +466,8 @@ class Page:
 
     def _show_motion(self, motion: Trajectory | None, start: Array | None) -> None:
         """Draw what a motion passes, and offer to play it."""
-        swept = (
-            None if motion is None else self._session.swept(motion, proved=motion is not self._given_motion)
-        )
+        proved = motion is not self._given_motion
+        swept = None if motion is None else self._session.swept(motion, proved, self._planner.stale)
         with self._lock, self._client.atomic():
             is_other, self.trajectory = motion is not self.trajectory, motion
             self.view.show_motion(swept, start)
@@ -616,15 +615,16 @@ class Page:
     def _cloud(self, _: str) -> None:
         options, result, view = self.options, self.result, self.view
         searched = result.refused not in _UNSEARCHED
-        if not searched:
-            self._hide_passes(result)
-        elif self.trace is None and self.panel.passes.value:
+        if searched and self.trace is None and self.panel.passes.value:
             self._find_trace(result)
         said = searched and self.panel.passes.value
         self.panel.pass_text.content = words.pass_html(self.trace, 0) if said else ""
         last = len(self.trace) - 1 if self.trace else 0
         self.panel.show_number(last, last + 1)
         self.show_pass(last)
+        with self._lock:
+            if self.trace is None:  # Those drawn are of a search before.
+                self.view.show_pass(None, None)
         view.show_cloud(
             "samples", clouds.samples_around(self.arm, options) if options.samples else None, CLOUD
         )
@@ -674,17 +674,17 @@ class Page:
     def show_passes(self, on: bool) -> None:
         """Show the passes of a search, or not."""
         if not on:
-            self._hide_passes(None)
-        self._clouder.give("again")
-
-    def _hide_passes(self, result: GoalResult | None) -> None:
-        """Hide passes, also from now on if this result is still the one shown."""
-        with self._lock:
-            if result is not None and self.result is result:
-                self.trace = None
             self.view.show_pass(None, None)
             self.panel.show_number(0, 0)
             self.panel.joints.content = words.joints_html(self.arm, self.options.q)
+        self._clouder.give("again")
+
+    def _hide_passes(self) -> None:
+        """Hide the passes of a goal that is no longer shown; the caller has the lock."""
+        self.trace = None
+        self.view.show_pass(None, None)
+        self.panel.show_number(0, 0)
+        self.panel.pass_text.content = ""
 
     def _play(self, what: str) -> None:
         if self._servoing and what != "servo":
@@ -714,7 +714,8 @@ class Page:
         with self._lock:  # No proof and no branches belong to a goal that moves.
             options = self.options
             self.result = GoalResult(options, options.q, refused=str(TrackStatus.TRACKING))
-            self.proof, self.trace, self.branches = None, None, None
+            self.proof, self.branches = None, None
+            self._hide_passes()
         self._clouder.give("again")
         try:
             tracker = self._session.track(options, self.panel.limits)

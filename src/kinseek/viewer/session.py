@@ -46,10 +46,10 @@ CURVE_POINTS = 400
 
 MOMENT, MOST_PIECES = 0.005, 50
 """Time between the moments at which a motion is checked [s], and the maximum number of them for each of those places."""
-MOST_NAMED = 500
-"""Maximum number of ways between two moments of which the bodies that are hit are named, evenly among those that hit one."""
+NAMING = 2.0
+"""Time for naming the bodies that are hit on the ways between two moments, which are asked in any order [s]."""
 OTHERS = "perhaps others for a short time"
-"""In place of their names if there are more such ways."""
+"""In place of further names if that was too short."""
 
 POSTURES = 9
 """Number of postures that are drawn along a motion."""
@@ -446,25 +446,28 @@ class Session:
             motion,
         )
 
-    def swept(self, motion: Trajectory, proved: bool = False) -> Swept:
+    def swept(
+        self, motion: Trajectory, proved: bool = False, stopped: Callable[[], bool] = lambda: False
+    ) -> Swept:
         """Return what a motion passes, evenly in time; one that is proved to be free is not checked."""
         pieces = int(np.clip(np.ceil(motion.duration / MOMENT / (CURVE_POINTS - 1)), 1, MOST_PIECES))
         q = motion.q(np.linspace(0.0, motion.duration, (CURVE_POINTS - 1) * pieces + 1))
-        hits, hit, every = np.zeros(len(q) - 1, dtype=np.bool_), set[str](), True
+        hits, hit, others = np.zeros(len(q) - 1, dtype=np.bool_), set[str](), False
         if self.scene is not None and not proved:
             # The straight ways between moments, since a thin body is passed between two of them.
             hits = ~np.asarray(self.scene.free_motion(q[:-1], q[1:], self.clearance, thorough=False))
-            checked = np.flatnonzero(hits)
-            every = len(checked) <= MOST_NAMED
-            if not every:
-                checked = checked[np.linspace(0, len(checked) - 1, MOST_NAMED).astype(int)]
-            for i in checked:
+            began = time.monotonic()
+            for i in np.random.default_rng(0).permutation(np.flatnonzero(hits)):
+                if others := stopped() or time.monotonic() - began > NAMING:
+                    break
                 found = self.scene.hits_between(q[i], q[i + 1], self.clearance)
                 hits[i] = len(found) > 0
                 hit |= {name for one in found for name in (one.a, one.b)}
         free, q = np.logical_not(hits.reshape(-1, pieces).max(axis=1)), q[::pieces]
         shown = np.linspace(0, len(q) - 1, POSTURES).round().astype(int)
-        return Swept(self.arm.fk(q)[:, :3, 3], free, q[shown], (*sorted(hit), *([] if every else [OTHERS])))
+        return Swept(
+            self.arm.fk(q)[:, :3, 3], free, q[shown], (*sorted(hit), *([OTHERS] if others and hit else []))
+        )
 
     @property
     def _speeds(self) -> Array:
