@@ -369,6 +369,36 @@ def test_furniture_that_shares_the_floor_of_a_room_is_solid(
     assert mesh.closed != sheet
 
 
+@pytest.mark.parametrize("order", ["between", "beside", "by normal", "shuffled"])
+@pytest.mark.parametrize("in_turn", [False, True])
+def test_a_two_sided_body_is_solid_wherever_its_triangles_are(order: str, in_turn: bool) -> None:
+    """Its triangles cancelled each other in the middle of another body, which has sides in common with it."""
+    vertices, faces = cube(4)
+    both = np.stack([faces, faces[:, ::-1]], axis=int(in_turn)).reshape(-1, 3)
+    beside = vertices * [-1, 1, 1] + np.array([4, 0, 0])  # The side in common has the same triangles.
+    corners = np.concatenate([vertices[both], beside[faces[:, ::-1]]])
+    rows = np.arange(36)
+    if order == "between":
+        rows = np.array([*range(24, 30), *range(24), *range(30, 36)])
+    elif order == "by normal":
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        rows = np.lexsort(normals.round(6).T)
+    elif order == "shuffled":
+        rows = np.random.default_rng(1).permutation(36)
+    mesh = Mesh(corners[rows].reshape(-1, 3), np.arange(108).reshape(-1, 3), False)
+    assert mesh.holds(CENTRE)
+    assert mesh.holds(CENTRE + np.array([4, 0, 0]))
+    assert not mesh.holds(np.array([0.013, 3.02, 0.03]))
+
+
+@pytest.mark.parametrize("order", ["ABAB", "AAB", "ABB", "AABB", "BA", "BABA"])
+def test_a_room_that_is_there_twice_is_hollow(order: str) -> None:
+    bodies = {"A": cube(4), "B": cube(3, inverted=True)}
+    mesh = Mesh(*together(*(bodies[each] for each in order)), False)
+    assert not mesh.holds(CENTRE)
+    assert mesh.holds(WALL)
+
+
 def test_surfaces_that_enclose_nothing_take_little_time() -> None:
     """Three triangles at one edge, anywhere, made each lone triangle take 0.6 ms; and cubes in a row repeated millions."""
     rng, began = np.random.default_rng(0), time.process_time()

@@ -308,8 +308,9 @@ def _shares_edges(corners: Indices) -> bool:
 def _parts(corners: Indices) -> tuple[Indices, Indices, Bools]:
     """Divide connected triangles into parts, in the order of the file: triangles that follow each other and are closed.
 
-    First those that pass each edge as often in one direction as in the other; then those that do without repeated triangles;
-    then those that pass it an even number of times, and need to be turned over. What others enclose are parts, too.
+    These pass each edge as often in one direction as in the other. They are looked for without triangles that are repeated,
+    then with them, then without opposite ones. Then those follow that pass each edge an even number of times, and need to be
+    turned over. What others enclose are parts, too.
 
     Args:
         corners: Triangles with three different corners, (f, 3).
@@ -339,15 +340,33 @@ def _parts(corners: Indices) -> tuple[Indices, Indices, Bools]:
         if not divided:
             parts.append(members)
             continue
-        found, left = _runs(members.tolist(), *directed, add)
-        # Among those that are left, a triangle that is repeated counts once.
-        again, left = _runs(_once(left, 2 * same + (sign > 0)), *directed, add)
-        more, left = _runs(_once(left, same), *even, xor)
-        runs = [np.array(each) for each in (*found, *again, *more)]
-        parts += runs
-        known = np.unique(same[np.concatenate(runs)]) if runs else same[:0]
-        if len(rest := np.array(left, dtype=np.int64)[~np.isin(same[left], known)]):
-            once = np.array(_once(members.tolist(), same))
+        runs, left, spare = dict[bytes, Indices](), members, members[:0]
+        for kinds, sums in (
+            (2 * same + (sign > 0), directed),
+            (None, directed),
+            (same, directed),
+            (same, even),
+        ):
+            pool = np.union1d(left, spare)
+            once = pool if kinds is None else _once(pool, kinds)
+            taken, kept = [once[:0]], [once[:0]]
+            for found in map(np.array, _runs(once.tolist(), *sums, xor if sums is even else add)):
+                run, key = found, np.unique(same[found])
+                if len(key) < len(run):
+                    run = found[_without_opposites(corners[found])]
+                    key = np.unique(same[run])
+                runs.setdefault(key.tobytes(), run)  # A body that is there several times counts once.
+                taken.append(found)
+                kept.append(run)
+            left = np.setdiff1d(left, np.concatenate(taken))
+            # What is there in both orientations may be another body, which comes among them.
+            spare = np.setdiff1d(np.union1d(spare, np.concatenate(taken)), np.concatenate(kept))
+        parts += runs.values()
+        known = np.unique(same[np.concatenate([*runs.values()])]) if runs else same[:0]
+        pool = np.union1d(left, spare)
+        rest = pool[np.isin(pool, left) | _may_enclose(edges.reshape(-1, 3)[pool], same[pool])]
+        if len(rest := rest[~np.isin(same[rest], known)]):
+            once = _once(members, same)
             some = [once[each] for each in _cycles(corners[once], np.isin(same[once], same[rest]))]
             total += sum(len(each) for each in some)
             cycles += some if total <= _MOST_REPEATED else []
@@ -371,24 +390,24 @@ def _may_enclose(edges: Indices, same: Indices) -> Bools:
     Returns:
         Which triangles are left, (f,). After `_PEELINGS` rounds some may be left that enclose nothing.
     """
-    numbers, first = np.unique(same, return_index=True)
-    alive = first
+    if not len(same):
+        return np.zeros(0, dtype=np.bool_)
+    _, alive = np.unique(same, return_index=True)
     for _ in range(_PEELINGS):
         around = edges[alive]
         kept = (np.bincount(around.ravel())[around] > 1).all(axis=1)
         if kept.all():
             break
         alive = alive[kept]
-    found = np.zeros(int(numbers.max()) + 1, dtype=np.bool_)
+    found = np.zeros(int(same.max()) + 1, dtype=np.bool_)
     found[same[alive]] = True
     return np.asarray(found[same])
 
 
-def _once(triangles: list[int], number: Indices) -> list[int]:
+def _once(triangles: Indices, number: Indices) -> Indices:
     """Return the first one of the triangles that have the same number."""
     _, first = np.unique(number[triangles], return_index=True)
-    kept: list[int] = np.asarray(triangles)[np.sort(first)].tolist()
-    return kept
+    return np.asarray(triangles[np.sort(first)])
 
 
 def _cycles(corners: Indices, wanted: Bools) -> list[Indices]:
@@ -436,42 +455,31 @@ def _cycles(corners: Indices, wanted: Bools) -> list[Indices]:
 
 def _runs(
     members: list[int], bounds: list[int], own: list[int], sum_of: Callable[[int, int], int]
-) -> tuple[list[list[int]], list[int]]:
+) -> list[list[int]]:
     """Find triangles that follow each other and are closed: the marks of what bounds them add up to 0.
 
     Args:
         members: Triangles in the order of the file.
         bounds: The sum of the marks of its edges, of each triangle.
-        own: A mark of its own, of each triangle: where they add up to 0, nothing is enclosed.
+        own: A mark of its own, of each triangle: those that add up to 0 too are left out, as they enclose nothing.
         sum_of: How to add marks.
-
-    Returns:
-        The closed ones, and the others.
     """
-    runs, left = list[list[int]](), list[int]()
-    edges, areas, at = (
-        [0],
-        [0],
-        {0: [0]},
-    )  # The sums after each that is left; and where each sum of `bounds` is.
+    runs, waiting = list[list[int]](), list[int]()
+    edges, areas, at = [0], [0], {0: 0}  # The sums after each that waits; and where each sum of `bounds` is.
     for triangle in members:
-        left.append(triangle)
+        waiting.append(triangle)
         edge, area = sum_of(edges[-1], bounds[triangle]), sum_of(areas[-1], own[triangle])
-        before = at.get(edge)
-        if before and areas[before[-1]] != area:
-            since = before[-1]
-            runs.append(left[since:])
-            for each in edges[since + 1 :]:
-                at[each].pop()
-            del left[since:], edges[since + 1 :], areas[since + 1 :]
-        else:
+        since = at.setdefault(edge, len(waiting))
+        if since == len(waiting):
             edges.append(edge)
             areas.append(area)
-            if before is None:
-                at[edge] = [len(left)]
-            else:
-                before.append(len(left))
-    return runs, left
+            continue
+        if areas[since] != area:
+            runs.append(waiting[since:])
+        for each in edges[since + 1 :]:
+            del at[each]
+        del waiting[since:], edges[since + 1 :], areas[since + 1 :]
+    return runs
 
 
 def _apart(corners: Indices, part: Indices) -> Indices:
