@@ -217,6 +217,9 @@ def test_preferences_change_on_the_way_and_wrong_ones_are_refused() -> None:
             panda.track(PANDA, prefer=wrong)
     with pytest.raises(InvalidProblem, match="finite number of solutions"):
         ur5e.track(HOME, prefer="limits")
+    for goal in (Goal.pose(np.eye(4), free="rz", cone=0.17), Goal.pose(np.eye(4), box={"z": (-0.02, 0.02)})):
+        with pytest.raises(InvalidProblem, match="takes goals of a whole pose, a direction, a position, got"):
+            panda.track(PANDA, goal=goal, prefer="limits")
 
 
 def test_a_very_long_period_is_one_step() -> None:

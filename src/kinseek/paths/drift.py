@@ -12,6 +12,7 @@ from kinseek.branches.index import index_of
 from kinseek.branches.order import ORDERS, Order, manipulability
 from kinseek.derivatives import constraint_jacobian
 from kinseek.errors import InvalidProblem, suggest
+from kinseek.kinds import PLAIN_KINDS
 from kinseek.postures import ARM_ANGLE, PostureRequest, read_posture
 from kinseek.problem import Problem, as_joints
 from kinseek.support.turns import shortest
@@ -72,6 +73,11 @@ class Drift:
             raise InvalidProblem(
                 f"prefer= needs an arm that can move while its hand is at the goal, and the {chain.dof} joints of "
                 f"{problem.mechanism.name!r} have a finite number of solutions"
+            )
+        if problem.goal.form.ranges:
+            raise InvalidProblem(
+                f"prefer= of a tracker takes goals of {', '.join(kind.noun for kind in PLAIN_KINDS)}, got "
+                f"{problem.goal.form.noun}"
             )
         if isinstance(prefer, str):
             if prefer not in ORDERS:

@@ -47,7 +47,7 @@ CURVE_POINTS = 400
 MOMENT, MOST_PIECES = 0.005, 50
 """Time between the moments at which a motion is checked [s], and the maximum number of them for each of those places."""
 NAMING = 2.0
-"""Time for naming the bodies that are hit on the ways between two moments, which are asked in any order [s]."""
+"""Time for naming the bodies that are hit on the ways between two moments, which are taken in any order [s]."""
 OTHERS = "perhaps others for a short time"
 """In place of further names if that was too short."""
 
