@@ -3,7 +3,7 @@
 After Rossignac and Borrel (1993). Triangles that collapse to a line or a point stay as slivers, so that the simplified
 triangles, made thicker by the bound, contain the original ones. A closed mesh whose triangles are oriented alike stays
 closed, because its triangles pass every edge as often in one direction as in the other. Corners that a program has computed
-twice, with rounding errors, count as one, as for `Interior`.
+twice, with rounding errors, count as one, as for `closed_surfaces`.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from .closed_surfaces import SAME
 from .geometry import SLIVER
-from .interior import SAME
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -31,7 +31,7 @@ def simplified(vertices: Array, faces: Indices, tolerance: float) -> tuple[Array
         comes, (g,), -1 for slivers.
     """
     sliver = min(SLIVER, tolerance / 2)  # It is part of the bound.
-    # Vertices that are one for `Interior` must be in one cell, or a closed surface would be cut there.
+    # Vertices that are one for `closed_surfaces` must be in one cell, or a closed surface would be cut there.
     same = vertices.round(SAME)
     # Half the diagonal of a cell is the tolerance less a sliver and what rounding changes: no vertex moves farther.
     half = max(tolerance - sliver - 10.0**-SAME, (tolerance - sliver) / 2)
