@@ -18,7 +18,7 @@ import pytest
 import kinseek
 from cells import write_arm, write_obj, write_stl
 from kinseek import InvalidScene, Scene
-from kinseek.collision import Mesh, Points, bodies, interior, obstacles, shapes
+from kinseek.collision import Mesh, Points, bodies, closed_surfaces, interior, obstacles, shapes
 from kinseek.collision.geometry import triangles
 from kinseek.collision.hulls import MOST_CORNERS, directions, farthest_beyond, outermost
 from kinseek.collision.interior import Interior
@@ -389,6 +389,13 @@ def test_a_two_sided_body_is_solid_wherever_its_triangles_are(order: str, in_tur
     assert mesh.holds(CENTRE)
     assert mesh.holds(CENTRE + np.array([4, 0, 0]))
     assert not mesh.holds(np.array([0.013, 3.02, 0.03]))
+
+
+def test_the_marks_of_triangles_are_not_known() -> None:
+    """With marks that everybody knows, the triangles of a body could be ordered so that an open part adds up to 0."""
+    corners = cube(4)[1]
+    one, other = (closed_surfaces._triangles(corners).directed[0] for _ in range(2))
+    assert one != other
 
 
 @pytest.mark.parametrize("order", ["ABAB", "AAB", "ABB", "AABB", "BA", "BABA"])

@@ -616,3 +616,26 @@ def test_a_motion_that_is_played_stops_no_clouds(sessions: dict[str, Session]) -
         wait_until(lambda: any(call.args[1] is not None for call in drawn.call_args_list))
         assert not page._player.idle
         assert page.panel.pass_text.content == ""
+
+
+def test_a_search_for_passes_says_nothing_about_a_motion_that_is_chosen_meanwhile(
+    sessions: dict[str, Session], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arm = sessions["ur5e"].arm
+    q0, q1 = arm.sample(2, seed=3)
+    with page_of(sessions["ur5e"], arm.move(q0, q1, 1.0, 1.0)) as page:
+        traced = page._session.traced
+
+        def chosen_meanwhile(result: GoalResult) -> Any:
+            monkeypatch.undo()
+            found = traced(result)
+            page.choose_time(0.1)
+            wait_until(lambda: page._player.idle)
+            return found
+
+        monkeypatch.setattr(page._session, "traced", chosen_meanwhile)
+        page.panel.passes.value = True
+        page.show_passes(True)
+        rest(page)
+        assert page.trace is None
+        assert page.panel.pass_text.content == ""

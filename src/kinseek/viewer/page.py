@@ -617,8 +617,10 @@ class Page:
         searched = result.refused not in _UNSEARCHED
         if searched and self.trace is None and self.panel.passes.value:
             self._find_trace(result)
-        said = searched and self.panel.passes.value
-        self.panel.pass_text.content = words.pass_html(self.trace, 0) if said else ""
+        with self._lock:
+            if self.result is result:  # Otherwise another one is shown meanwhile, which may have none.
+                said = searched and self.panel.passes.value
+                self.panel.pass_text.content = words.pass_html(self.trace, 0) if said else ""
         last = len(self.trace) - 1 if self.trace else 0
         self.panel.show_number(last, last + 1)
         self.show_pass(last)
