@@ -391,6 +391,60 @@ def test_a_two_sided_body_is_solid_wherever_its_triangles_are(order: str, in_tur
     assert not mesh.holds(np.array([0.013, 3.02, 0.03]))
 
 
+@pytest.mark.parametrize("order", ["AKBFB", "AKBBF", "KBFBA", "AKBF", "ABKBF", "ABFB", "FBKA"])
+def test_a_body_that_is_there_twice_takes_nothing_of_others(order: str) -> None:
+    """A room lost its floor to the foundation below it, and took that of the furniture, which was hollow then."""
+    vertices, faces = FURNITURE
+    bottom_last = np.argsort(vertices[faces][:, :, 2].max(axis=1) == -2, kind="stable")
+    bodies = {
+        "A": cube(12),
+        "K": (vertices * [1, 1, -1] - [0, 0, 4], faces[:, ::-1]),  # Its top is the bottom of the other.
+        "B": block([-2, -2, -2], [2, 2, 2], inverted=True),
+        "F": (vertices, faces[bottom_last]),
+    }
+    mesh = Mesh(*together(*(bodies[each] for each in order)), False)
+    assert mesh.holds(np.array([0.1, 0.2, -1.1]))
+    assert not mesh.holds(np.array([0.1, 0.2, 1.1]))
+    assert mesh.holds(np.array([0.1, 0.2, 5.5]))
+
+
+def voxels(occupied: np.ndarray) -> np.ndarray:
+    """The triangles between occupied and other cells of a grid with edges of 1 m, seen from outside, (f, 3, 3)."""
+    cells, found = np.pad(occupied, 1), []
+    for cell, axis, side in itertools.product(np.argwhere(cells), range(3), (0, 1)):
+        step = np.eye(3, dtype=int)[axis]
+        if cells[tuple(cell + (2 * side - 1) * step)]:
+            continue
+        u, v = np.eye(3, dtype=int)[[(axis + 1) % 3, (axis + 2) % 3]]
+        corners = cell - 1 + side * step + np.array([0 * u, u, u + v, v])
+        found += (
+            [corners[[0, 1, 2]], corners[[0, 2, 3]]] if side else [corners[[2, 1, 0]], corners[[3, 2, 0]]]
+        )
+    return np.array(found, dtype=float)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("flipped", [False, True])
+def test_a_wall_before_a_body_takes_no_half_of_it_away(axis: int, flipped: bool) -> None:
+    """With half of the body the wall was a body; of the other half, only the air beside it was solid."""
+    shell, block, half, places = (np.zeros((5, 5, 5), dtype=bool) for _ in range(4))
+    shell[:], shell[1:4, 1:4, 1:4], block[2:4, 2, 1:4], half[2, 2, 1:4] = True, False, True, True
+    places[:, :, :3] = True
+    wall = voxels(half)
+    wall = wall[(wall[:, :, 0] == 3).all(axis=1)]
+    parts = [
+        voxels(shell & places),
+        voxels(shell & ~places),
+        wall[:, ::-1] if flipped else wall,
+        voxels(block),
+    ]
+    corners = np.roll(np.concatenate(parts), axis, axis=2).reshape(-1, 3)
+    mesh = Mesh(corners, np.arange(len(corners)).reshape(-1, 3), False)
+    assert all(
+        mesh.holds(np.roll(np.add(cell, [0.31, 0.27, 0.43]), axis)) for cell in np.argwhere(block | shell)
+    )
+
+
 def test_the_marks_of_triangles_are_not_known() -> None:
     """With marks that everybody knows, the triangles of a body could be ordered so that an open part adds up to 0."""
     corners = cube(4)[1]

@@ -157,9 +157,9 @@ def _parts(corners: Indices) -> tuple[Indices, Indices, Bools]:
 def _bodies(all_of: _Triangles, members: Indices) -> tuple[list[Indices], Indices]:
     """Find bodies in the order of the file: triangles that follow each other and are closed.
 
-    These pass each edge as often in one direction as in the other. They are looked for without triangles that are repeated,
-    then with them, then without opposite ones. Then those follow that pass each edge an even number of times, and need to be
-    turned over. A body that is there several times counts once.
+    These pass each edge as often in one direction as in the other. If some are no part of them, they are looked for without
+    triangles that are repeated, then with them, then without opposite ones. Then those follow that pass each edge an even
+    number of times, and need to be turned over. A body that is there several times counts once.
 
     Args:
         all_of: All triangles.
@@ -168,8 +168,11 @@ def _bodies(all_of: _Triangles, members: Indices) -> tuple[list[Indices], Indice
     Returns:
         The triangles of each body, and those that are left, unless they only repeat triangles of bodies.
     """
-    bodies, left, opposite = dict[bytes, Indices](), members, members[:0]
     corners, edges, same, oriented, directed, even = all_of
+    plain = [np.array(run) for run in _runs(members.tolist(), *directed, add)]
+    if sum(map(len, plain)) == len(members) and all(len(np.unique(same[run])) == len(run) for run in plain):
+        return [*{np.unique(same[run]).tobytes(): run for run in reversed(plain)}.values()][::-1], members[:0]
+    bodies, left, opposite = dict[bytes, Indices](), members, members[:0]
     for kinds, marks, sum_of in (
         (oriented, directed, add),
         (None, directed, add),
@@ -193,7 +196,7 @@ def _bodies(all_of: _Triangles, members: Indices) -> tuple[list[Indices], Indice
     found = [*bodies.values()]
     pool = np.union1d(left, opposite)
     rest = pool[np.isin(pool, left) | _may_enclose(edges[pool], same[pool])]
-    return found, rest[~np.isin(same[rest], same[np.concatenate([members[:0], *found])])]
+    return found, rest[~np.isin(oriented[rest], oriented[np.concatenate([members[:0], *found])])]
 
 
 def _may_enclose(edges: Indices, same: Indices) -> Bools:
@@ -227,18 +230,17 @@ def _once(triangles: Indices, number: Indices) -> Indices:
 
 
 def _cycles(corners: Indices, wanted: Bools) -> list[Indices]:
-    """Return sets of triangles that pass each edge an even number of times, for all wanted triangles that are in any.
+    """Return sets of triangles that pass each edge an even number of times, if a wanted triangle is in any.
 
-    All other such sets with wanted triangles are sums of these and of sets without one. So where one of them winds around a
-    point, one that is returned does, or one without a wanted triangle. It is Gaussian elimination modulo 2, of patches that
-    end only where other than two triangles meet.
+    All other such sets are sums of these. So where one of them winds around a point, one that is returned does. This is
+    Gaussian elimination modulo 2, of patches that end only where other than two triangles meet.
 
     Args:
         corners: Different triangles, (f, 3).
         wanted: Which of them are wanted, (f,).
 
     Returns:
-        The triangles of each; none if there are too many patches or triangles.
+        The triangles of each; none if no wanted triangle is in any, or if there are too many patches or triangles.
     """
     edges, _ = _edges(corners)
     order = np.argsort(edges, kind="stable")
@@ -254,19 +256,20 @@ def _cycles(corners: Indices, wanted: Bools) -> list[Indices]:
     for k, edge in zip(patch[ends // 3].tolist(), rim.tolist(), strict=True):
         passed[k] ^= 1 << edge
     is_wanted = np.bincount(patch[wanted], minlength=number) > 0
-    pivots, found, total = dict[int, tuple[int, int]](), list[Indices](), 0
+    pivots, found, total, any_wanted = dict[int, tuple[int, int]](), list[Indices](), 0, False
     for k in np.argsort(is_wanted, kind="stable").tolist():
         rest, sum_of = passed[k], 1 << k
         while rest and (pivot := pivots.get(rest & -rest)):
             rest, sum_of = rest ^ pivot[0], sum_of ^ pivot[1]
         if rest:
             pivots[rest & -rest] = rest, sum_of
-        elif is_wanted[k]:
+        else:
+            any_wanted |= bool(is_wanted[k])
             found.append(np.flatnonzero(np.array([sum_of >> j & 1 for j in range(number)])[patch]))
             total += len(found[-1])
             if total > _MOST_REPEATED:
                 return []
-    return found
+    return found if any_wanted else []
 
 
 def _runs(
