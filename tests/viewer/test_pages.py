@@ -23,6 +23,20 @@ from kinseek.viewer.workers import Turns
 from viewer_pages import KINDS, client, far, function_arm, page_of, wait_until
 
 
+def meanwhile(
+    monkeypatch: pytest.MonkeyPatch, session: Session, method: str, act: Callable[[], None]
+) -> None:
+    """Let something happen when this method of a session is next called, before it works."""
+    work = getattr(session, method)
+
+    def once(*given: Any) -> Any:
+        monkeypatch.undo()
+        act()
+        return work(*given)
+
+    monkeypatch.setattr(session, method, once)
+
+
 @pytest.fixture(scope="module")
 def sessions() -> dict[str, Session]:
     return {name: Session(kinseek.load(name)) for name in KINDS}
@@ -347,15 +361,12 @@ def test_a_goal_that_is_solved_while_a_motion_is_drawn_stays(
     arm = sessions["ur5e"].arm
     q0, q1 = arm.sample(2, seed=3)
     with page_of(sessions["ur5e"], arm.move(q0, q1, 1.0, 1.0)) as page:
-        posture = page._session.posture
 
-        def solved_meanwhile(q: Any) -> Any:
-            monkeypatch.undo()
+        def solved() -> None:
             page.change(target=arm.fk(q1))
             wait_until(lambda: page._solver.idle)
-            return posture(q)
 
-        monkeypatch.setattr(page._session, "posture", solved_meanwhile)
+        meanwhile(monkeypatch, page._session, "posture", solved)
         page.choose_time(0.1)
         rest(page)
         assert page.result.reached
@@ -403,16 +414,12 @@ def test_a_motion_that_is_chosen_during_a_search_stays_until_the_next_goal(
     q0, q1 = arm.sample(2, seed=3)
     motion = arm.move(q0, q1, 1.0, 1.0)
     with page_of(sessions["ur5e"], motion) as page:
-        solve = page._session.solve
 
-        def chosen_meanwhile(options: ViewerOptions) -> GoalResult:
-            monkeypatch.undo()
+        def chosen() -> None:
             page.choose_time(0.2)
             wait_until(lambda: page._player.idle)
-            found: GoalResult = solve(options)
-            return found
 
-        monkeypatch.setattr(page._session, "solve", chosen_meanwhile)
+        meanwhile(monkeypatch, page._session, "solve", chosen)
         page.change(target=arm.fk(q1))
         rest(page)
         np.testing.assert_array_equal(page.options.q, motion.q(0.2))
@@ -469,17 +476,13 @@ def test_a_refusal_stays_beside_the_result_of_a_search_that_still_ran(
 ) -> None:
     """It vanished with the result of the goal before, and the number that was refused stayed in its field."""
     with page_of(sessions["ur5e"]) as page:
-        solve = page._session.solve
 
-        def typed_meanwhile(options: ViewerOptions) -> GoalResult:
-            monkeypatch.undo()
+        def typed() -> None:
             page.panel.place.value = (1e8, 0.0, 0.0)
             page.panel._type_goal()
             wait_until(lambda: page._editor.idle)
-            found: GoalResult = solve(options)
-            return found
 
-        monkeypatch.setattr(page._session, "solve", typed_meanwhile)
+        meanwhile(monkeypatch, page._session, "solve", typed)
         target = page.options.target @ kinseek.pose([0.1, 0.0, 0.05])
         page.change(target=target)
         rest(page)
@@ -624,16 +627,12 @@ def test_a_search_for_passes_says_nothing_about_a_motion_that_is_chosen_meanwhil
     arm = sessions["ur5e"].arm
     q0, q1 = arm.sample(2, seed=3)
     with page_of(sessions["ur5e"], arm.move(q0, q1, 1.0, 1.0)) as page:
-        traced = page._session.traced
 
-        def chosen_meanwhile(result: GoalResult) -> Any:
-            monkeypatch.undo()
-            found = traced(result)
+        def chosen() -> None:
             page.choose_time(0.1)
             wait_until(lambda: page._player.idle)
-            return found
 
-        monkeypatch.setattr(page._session, "traced", chosen_meanwhile)
+        meanwhile(monkeypatch, page._session, "traced", chosen)
         page.panel.passes.value = True
         page.show_passes(True)
         rest(page)

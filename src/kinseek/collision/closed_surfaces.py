@@ -97,9 +97,8 @@ def _triangles(corners: Indices) -> _Triangles:
     """Mark triangles with three different corners, (f, 3)."""
     edges, forward = _edges(corners)
     same, sign = _distinct(corners)
-    random = (
-        np.random.default_rng()
-    )  # Who makes a file must not know the marks, or other sets could add up to 0.
+    # Who makes a file must not know the marks, or other sets could add up to 0.
+    random = np.random.default_rng()
     of_edge, own = (random.integers(1, 2**60, int(k.max()) + 1)[k] for k in (edges, same))
     around = (of_edge * np.where(forward, 1, -1)).reshape(-1, 3).sum(axis=1)
     return _Triangles(
@@ -170,9 +169,11 @@ def _bodies(all_of: _Triangles, members: Indices) -> tuple[list[Indices], Indice
     """
     corners, edges, same, oriented, directed, even = all_of
     plain = [np.array(run) for run in _runs(members.tolist(), *directed, add)]
-    if sum(map(len, plain)) == len(members) and all(len(np.unique(same[run])) == len(run) for run in plain):
-        return [*{np.unique(same[run]).tobytes(): run for run in reversed(plain)}.values()][::-1], members[:0]
     bodies, left, opposite = dict[bytes, Indices](), members, members[:0]
+    if sum(map(len, plain)) == len(members) and all(len(np.unique(same[run])) == len(run) for run in plain):
+        for run in plain:
+            bodies.setdefault(np.unique(same[run]).tobytes(), run)
+        return [*bodies.values()], members[:0]
     for kinds, marks, sum_of in (
         (oriented, directed, add),
         (None, directed, add),
@@ -218,9 +219,7 @@ def _may_enclose(edges: Indices, same: Indices) -> Bools:
         if kept.all():
             break
         alive = alive[kept]
-    found = np.zeros(int(same.max()) + 1, dtype=np.bool_)
-    found[same[alive]] = True
-    return np.asarray(found[same])
+    return np.isin(same, same[alive])
 
 
 def _once(triangles: Indices, number: Indices) -> Indices:
@@ -243,11 +242,9 @@ def _cycles(corners: Indices, wanted: Bools) -> list[Indices]:
         The triangles of each; none if no wanted triangle is in any, or if there are too many patches or triangles.
     """
     edges, _ = _edges(corners)
-    order = np.argsort(edges, kind="stable")
     counts = np.bincount(edges)
-    first = order[(np.cumsum(counts) - counts)[counts == 2]]
-    second = order[(np.cumsum(counts) - counts)[counts == 2] + 1]
-    patch = _components(len(corners), first // 3, second // 3)
+    one, other = _across(edges, counts)
+    patch = _components(len(corners), one // 3, other // 3)
     if (number := int(patch.max()) + 1) > _MOST_PATCHES:
         return []
     ends = np.flatnonzero(counts[edges] != 2)
@@ -358,10 +355,8 @@ def _surfaces(corners: Indices) -> tuple[Bools, Indices, Bools, Bools]:
     if not number:
         return np.zeros(0, bool), np.zeros(0, dtype=np.int64), np.zeros(0, bool), np.zeros(0, bool)
     edges, forward = _edges(corners)
-    order = np.argsort(edges, kind="stable")
     counts = np.bincount(edges)
-    starts = np.cumsum(counts) - counts
-    one, other = order[starts[counts == 2]], order[starts[counts == 2] + 1]
+    one, other = _across(edges, counts)
     flipped, patch, sound = _oriented(number, one // 3, other // 3, forward[one] == forward[other])
     turned_over = np.zeros(len(sound), dtype=bool)
     turned_over[patch[flipped]] = True
@@ -422,6 +417,12 @@ def _edges(corners: Indices) -> tuple[Indices, Bools]:
     low, high = ends.min(axis=1), ends.max(axis=1)
     _, edges = np.unique(low * (int(corners.max()) + 1) + high, return_inverse=True)
     return edges.ravel(), ends[:, 0] < ends[:, 1]
+
+
+def _across(edges: Indices, counts: Indices) -> tuple[Indices, Indices]:
+    """Return where each edge that belongs to exactly two triangles is passed by one and by the other, (k,) each."""
+    order, starts = np.argsort(edges, kind="stable"), np.cumsum(counts) - counts
+    return order[starts[counts == 2]], order[starts[counts == 2] + 1]
 
 
 def _chained(edges: Indices) -> tuple[Indices, Indices]:
