@@ -19,7 +19,7 @@ class Margins:
     """
 
     def __init__(self, made: Assembly, broad: Broad) -> None:
-        """Compute what does not depend on joint values."""
+        """Take the engine and the bounds of a scene."""
         self._made, self.broad = made, broad
 
     def levers(self, low: Array, high: Array) -> Array:

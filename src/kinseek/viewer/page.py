@@ -619,8 +619,8 @@ class Page:
             self._find_trace(result)
         with self._lock:
             if self.result is result:  # Otherwise another one is shown meanwhile, which may have none.
-                said = searched and self.panel.passes.value
-                self.panel.pass_text.content = words.pass_html(self.trace, 0) if said else ""
+                wanted = searched and self.panel.passes.value
+                self.panel.pass_text.content = words.pass_html(self.trace, 0) if wanted else ""
         last = len(self.trace) - 1 if self.trace else 0
         self.panel.show_number(last, last + 1)
         self.show_pass(last)
@@ -631,12 +631,12 @@ class Page:
             "samples", clouds.samples_around(self.arm, options) if options.samples else None, CLOUD
         )
         self.panel.examined.visible = options.boxes
-        examined = []
+        said = []
         if options.boxes:
-            examined.append(self._boxes(options, result))
+            said.append(self._boxes(options, result))
         else:
             view.show_cloud("boxes", None, SEARCH)
-        self.panel.seen.content = words.note_html(*examined)
+        self.panel.seen.content = words.note_html(*said)
         self._reach(options)
 
     def _find_trace(self, result: GoalResult) -> None:
