@@ -355,7 +355,7 @@ FURNITURE = block([-2, -2, -2], [2, 2, 0])
 def test_furniture_that_shares_the_floor_of_a_room_is_solid(
     order: tuple[int, ...], sheet: bool, repeated: int | None
 ) -> None:
-    """With one repeated triangle, or an open sheet at a wall, the room was hollow in its furniture, or solid in the air."""
+    """With one repeated triangle the room was hollow in its furniture, and with an open sheet at a wall solid in the air."""
     bodies = [cube(6), block([-2, -2, -2], [2, 2, 2], inverted=True), FURNITURE]
     if repeated is not None:
         bodies[repeated] = bodies[repeated][0], bodies[repeated][1][[0, 1, 2, 3, 3, *range(4, 12)]]
@@ -364,7 +364,8 @@ def test_furniture_that_shares_the_floor_of_a_room_is_solid(
         parts.insert(0, (np.array([[2.0, 2, 2], [2, 2, -2], [1, 1, 0]]), np.array([[0, 1, 2]])))
     mesh = Mesh(*together(*parts), False)
     assert mesh.holds(np.array([0.1, 0.2, -1.1]))
-    assert not mesh.holds(np.array([0.1, 0.2, 1.1]))
+    # Where a triangle is repeated, all that is enclosed is solid.
+    assert mesh.holds(np.array([0.1, 0.2, 1.1])) == (repeated is not None)
     assert mesh.holds(np.array([0.1, 0.2, 2.5]))
     assert mesh.closed != sheet
 
@@ -445,10 +446,63 @@ def test_a_wall_before_a_body_takes_no_half_of_it_away(axis: int, flipped: bool)
     )
 
 
+@pytest.mark.parametrize("again", [False, True])
+@pytest.mark.parametrize("order", [(0, 3, 1, 4, 5, 2), (1, 2, 3, 2, 5, 0), (3, 0, 1, 2, 5)])
+def test_repeating_a_triangle_of_furniture_changes_no_inside(order: tuple[int, ...], again: bool) -> None:
+    """All that is repeated was left out: then one room had no floor, and the furniture no bottom, and was hollow."""
+    vertices, faces = FURNITURE
+    faces = faces[np.argsort(vertices[faces][:, :, 2].max(axis=1) == -2, kind="stable")]
+    bodies = [
+        block([-2, -2, -6], [2, 2, -2], inverted=True),  # A room below the floor,
+        block([-2, -2, -3], [2, 2, -2]),  # and what is under its ceiling.
+        block([-2, -2, -2], [2, 2, 2], inverted=True),
+        cube(20),
+        block([-2, -2, -2], [2, 2, 4], inverted=True),
+        (vertices, faces[[0, *range(12)] if again else range(12)]),
+    ]
+    mesh = Mesh(*together(*(bodies[k] for k in order)), False)
+    assert mesh.holds(np.array([0.1, 0.2, -1.1]))
+    assert mesh.closed
+
+
+@pytest.mark.parametrize("order", list(itertools.permutations("PtG")))
+def test_panels_and_a_partition_take_nothing_of_a_body_away(order: tuple[str, ...]) -> None:
+    """The partition closed one half; each triangle of the other one was also that of a panel, so it was left out."""
+    whole = voxels(np.ones((2, 1, 1), dtype=bool))
+    first = whole.mean(axis=1)[:, 0] < 1
+    sides = np.array([[1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
+    one = voxels(np.ones((1, 1, 1), dtype=bool))
+    panels = [one * (1 - 0.9 * np.abs(side)) + np.maximum(side, 0) * 0.9 + [1, 0, 0] for side in sides]
+    parts = {
+        "P": np.concatenate(panels),
+        "t": np.array([[[1, 0, 0], [1, 1, 0], [1, 1, 1]], [[1, 0, 0], [1, 1, 1], [1, 0, 1]]], dtype=float),
+        "G": np.concatenate([whole[first], whole[~first]]),
+    }
+    corners = np.concatenate([parts[name] for name in order]).reshape(-1, 3)
+    mesh = Mesh(corners, np.arange(len(corners)).reshape(-1, 3), False)
+    assert mesh.holds(np.array([1.51, 0.53, 0.47]))
+    assert mesh.holds(np.array([0.51, 0.53, 0.47]))
+    assert not mesh.holds(np.array([2.51, 0.53, 0.47]))
+
+
+def test_what_dirty_bodies_of_many_patches_enclose_is_solid() -> None:
+    """A wall of 1,728 boxes with one triangle twice, or with triangles turned over, in any order."""
+    rng = np.random.default_rng(0)
+    places = np.stack(np.meshgrid(*[np.arange(12.0)] * 3), axis=-1).reshape(-1, 3)
+    one = voxels(np.ones((1, 1, 1), dtype=bool))
+    corners = (one + places[:, None, None]).reshape(-1, 3, 3)
+    turned = np.where(rng.random((len(corners), 1, 1)) < 0.5, corners, corners[:, ::-1])
+    for each in (np.concatenate([corners, corners[:1]]), rng.permutation(turned)):
+        inside = Interior(each.reshape(-1, 3), np.arange(3 * len(each)).reshape(-1, 3))
+        assert inside.closed
+        assert all(inside.holds(place + rng.uniform(0.1, 0.9, 3)) for place in places[::9])
+        assert not inside.holds(np.array([-0.1, 3.1, 4.2]))
+
+
 def test_the_marks_of_triangles_are_not_known() -> None:
     """With marks that everybody knows, the triangles of a body could be ordered so that an open part adds up to 0."""
     corners = cube(4)[1]
-    one, other = (closed_surfaces._triangles(corners).directed[0] for _ in range(2))
+    one, other = (closed_surfaces._triangles(corners).marks[0] for _ in range(2))
     assert one != other
 
 

@@ -2,13 +2,13 @@
 
 Triangles are joined across edges that belong to exactly two of them, and oriented alike. A surface is closed if each of its
 edges is then passed as often in one direction as in the other. The order of the file separates bodies that share edges or
-triangles: the triangles of each follow each other. What encloses something without belonging to such a body is closed, too.
+triangles: the triangles of each follow each other. Where connected triangles do not consist of such bodies, all that they
+enclose is solid.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from operator import add, xor
+from math import gcd
 from typing import NamedTuple
 
 import numpy as np
@@ -26,46 +26,63 @@ SAME = 9
 OPEN = -1
 """In place of the number of a closed surface: the triangle belongs to none."""
 
-_MOST_PATCHES, _MOST_REPEATED = 1000, 2**18
-"""Most patches of connected triangles for which `_cycles` takes its time, and most triangles that are repeated."""
+_MOST_REPEATED = 2**18
+"""Most triangles that are repeated because they belong to several closed surfaces."""
+
+MOST_COMBINED = 2**22
+"""Most numbers that elimination combines: some seconds."""
 
 _PEELINGS = 50
-"""Rounds in which triangles that enclose nothing are left out."""
+"""Rounds in which patches that enclose nothing are left out."""
 
 
-def closed_surfaces(vertices: Array, faces: Indices) -> tuple[Indices, Indices, Bools, bool]:
+class ClosedSurfaces(NamedTuple):
+    """Triangles and their closed surfaces."""
+
+    faces: Indices
+    """The triangles as indices of vertices, and again those that belong to several surfaces; those of a surface are oriented
+    alike, (g, 3)."""
+    surface: Indices
+    """The number of the closed surface of each, `OPEN` if there is none, (g,)."""
+    oriented: Bools
+    """Which surfaces the file orients without contradiction, (s,)."""
+    whole: bool
+    """Do all triangles belong to closed surfaces?"""
+    combined: int
+    """How many numbers elimination combined."""
+
+
+def closed_surfaces(vertices: Array, faces: Indices) -> ClosedSurfaces:
     """Find the closed surfaces of triangles.
 
     Args:
         vertices: Vertices, (k, 3) [m].
         faces: Triangles as indices of vertices, (f, 3).
-
-    Returns:
-        The triangles, and again those that belong to several surfaces, such that those of a surface are oriented alike,
-        (g, 3); the number of the closed surface of each, negative if there is none, (g,); of which surfaces no triangle is
-        turned over, (s,); and whether all triangles belong to one.
     """
     _, places = np.unique(vertices.round(SAME), axis=0, return_inverse=True)
     corners = places.ravel()[faces]
     extended = np.flatnonzero((corners != np.roll(corners, 1, axis=1)).all(axis=1))
     corners = corners[extended]
-    ordered = np.ones(len(corners), dtype=np.bool_)
+    from_file, turned = (np.full(len(corners), each, dtype=np.bool_) for each in (True, False))
+    combined = 0
     if _shares_edges(corners):
-        rows, part, ordered = _parts(corners)
-        extended, corners = extended[rows], _apart(corners[rows], part)
+        parts, combined = _parts(corners)
+        sizes = [len(part.rows) for part in parts]
+        rows, turned = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
+        from_file = np.repeat([part.from_file for part in parts], sizes)
+        extended, corners = extended[rows], _apart(corners[rows], np.repeat(np.arange(len(parts)), sizes))
+        corners[turned] = corners[turned, ::-1]
         _, first = np.unique(extended, return_index=True)
         again = np.delete(np.arange(len(extended)), first)
         faces = np.concatenate([faces, faces[extended[again]]])
         extended[again] = np.arange(len(faces) - len(again), len(faces))
-    left = _without_opposites(corners)
-    used = extended[left]
-    flipped, surface, closed, trusted = _surfaces(corners[left])
-    trusted[surface[~ordered[left]]] = False
-    faces = faces.copy()
-    faces[used[flipped]] = faces[used[flipped], ::-1]
+    flipped, surface, closed, trusted = _surfaces(corners)
+    trusted[surface[~from_file]] = False
+    faces, turned = faces.copy(), extended[flipped != turned]
+    faces[turned] = faces[turned, ::-1]
     found = np.full(len(faces), OPEN)
-    found[used] = np.where(closed, np.cumsum(closed) - 1, OPEN)[surface]
-    return faces, found, trusted[closed], bool(closed.all())
+    found[extended] = np.where(closed, np.cumsum(closed) - 1, OPEN)[surface]
+    return ClosedSurfaces(faces, found, trusted[closed], bool(closed.all()), combined)
 
 
 def _shares_edges(corners: Indices) -> bool:
@@ -84,13 +101,8 @@ class _Triangles(NamedTuple):
     """Numbers of the edges of each, (f, 3)."""
     same: Indices
     """A number that only triangles with the same corners share, (f,)."""
-    oriented: Indices
-    """A number that only those share which are oriented alike, too, (f,)."""
-    directed: tuple[list[int], list[int]]
-    """Marks of what bounds each triangle, and of itself; they add up to 0 if they cancel."""
-    even: tuple[list[int], list[int]]
-    """The same whichever way they are oriented; they add up to 0 modulo 2, in each bit, if each is there an even number of
-    times."""
+    marks: tuple[list[int], list[int]]
+    """Numbers for what bounds each triangle, and for itself; they add up to 0 if they cancel."""
 
 
 def _triangles(corners: Indices) -> _Triangles:
@@ -101,125 +113,83 @@ def _triangles(corners: Indices) -> _Triangles:
     random = np.random.default_rng()
     of_edge, own = (random.integers(1, 2**60, int(k.max()) + 1)[k] for k in (edges, same))
     around = (of_edge * np.where(forward, 1, -1)).reshape(-1, 3).sum(axis=1)
-    return _Triangles(
-        corners,
-        edges.reshape(-1, 3),
-        same,
-        2 * same + (sign > 0),
-        (around.tolist(), (own * sign).tolist()),
-        (np.bitwise_xor.reduce(of_edge.reshape(-1, 3), axis=1).tolist(), own.tolist()),
-    )
+    return _Triangles(corners, edges.reshape(-1, 3), same, (around.tolist(), (own * sign).tolist()))
 
 
-def _parts(corners: Indices) -> tuple[Indices, Indices, Bools]:
-    """Divide connected triangles into parts: bodies in the order of the file, what others enclose, and what is left.
+class _Part(NamedTuple):
+    """Triangles that are examined for closed surfaces by themselves."""
+
+    rows: Indices
+    """The triangles, (k,); they may be in other parts, too."""
+    turned: Bools
+    """Which of them are turned over, (k,)."""
+    from_file: bool
+    """Are they oriented as in the file?"""
+
+
+def _parts(corners: Indices) -> tuple[list[_Part], int]:
+    """Divide triangles into bodies, what encloses nothing, and what other groups enclose.
 
     Args:
         corners: Triangles with three different corners, (f, 3).
 
     Returns:
-        The triangles in parts, (g,), the number of the part of each, (g,), and which are in the order of the file, (g,). A
-        triangle may be in several parts; a repeated one may be in none.
+        The parts, and how many numbers elimination combined. A repeated triangle may be in no part.
     """
     all_of = _triangles(corners)
-    may = np.flatnonzero(_may_enclose(all_of.edges, all_of.same))
-    edges = all_of.edges[may].ravel()
-    component = _components(len(may), *_chained(edges))
-    shared = np.zeros(int(component.max(initial=-1)) + 1, dtype=np.bool_)
-    shared[component[(np.bincount(edges)[edges] > 2).reshape(-1, 3).any(axis=1)]] = True
-    order = np.argsort(component, kind="stable")
-    groups = np.split(may[order], np.flatnonzero(np.diff(component[order])) + 1) if len(may) else []
-    bodies, enclosed, repeated = list[Indices](), list[Indices](), 0
-    left = [np.setdiff1d(np.arange(len(corners)), may)]
-    for members, divided in zip(groups, shared.tolist(), strict=True):
-        if not divided:
-            bodies.append(members)
-            continue
-        found, rest = _bodies(all_of, members)
-        bodies += found
-        if not len(rest):
-            continue
-        once = _once(members, all_of.same)
-        cycles = [
-            once[each] for each in _cycles(corners[once], np.isin(all_of.same[once], all_of.same[rest]))
-        ]
-        repeated += sum(map(len, cycles))
-        if cycles and repeated <= _MOST_REPEATED:
-            enclosed += cycles
-            rest = np.setdiff1d(rest, np.concatenate(cycles))
-        left.append(rest)
-    parts = [*bodies, np.concatenate(left), *enclosed]
-    number = np.repeat(np.arange(len(parts)), [len(each) for each in parts])
-    return np.concatenate(parts), number, number <= len(bodies)
+    edges, same = all_of.edges, all_of.same
+    once = _once(np.arange(len(corners)), same)
+    members = np.flatnonzero(np.isin(same, same[once[_may_enclose(edges[once])]]))
+    group = np.full(len(corners), OPEN)
+    group[members] = _components(len(members), *_chained(edges[members].ravel()))
+    members = members[np.argsort(group[members], kind="stable")]
+    shared = _share_edges(edges, group, members)
+    clean, closed, others = _bodies(all_of, group, members[shared])
+    once = _once(others, same)
+    mixed = _share_edges(edges, group, once)
+    # Of the others, only repeated triangles hid that each edge belongs to two.
+    bodies = [*_divided(members[~shared], group), *clean, *_divided(once[~mixed], group)]
+    solids, combined = _solids(all_of, group, once[mixed], closed)
+    used = np.concatenate([members[:0], *bodies, *(rows for rows, _ in solids)])
+    bodies.append(np.flatnonzero(~np.isin(same, same[used])))
+    parts = [_Part(rows, np.zeros(len(rows), dtype=np.bool_), True) for rows in bodies]
+    return parts + [_Part(rows, turned, False) for rows, turned in solids], combined
 
 
-def _bodies(all_of: _Triangles, members: Indices) -> tuple[list[Indices], Indices]:
-    """Find bodies in the order of the file: triangles that follow each other and are closed.
-
-    These pass each edge as often in one direction as in the other. If some are no part of them, they are looked for without
-    triangles that are repeated, then with them, then without opposite ones. Then those follow that pass each edge an even
-    number of times, and need to be turned over. A body that is there several times counts once.
+def _may_enclose(edges: Indices) -> Bools:
+    """Leave out patches of triangles that end at an edge of one triangle alone, then those that do so without them.
 
     Args:
-        all_of: All triangles.
-        members: Those that are connected, in the order of the file.
-
-    Returns:
-        The triangles of each body, and those that are left, unless they only repeat triangles of bodies.
-    """
-    corners, edges, same, oriented, directed, even = all_of
-    plain = [np.array(run) for run in _runs(members.tolist(), *directed, add)]
-    bodies, left, opposite = dict[bytes, Indices](), members, members[:0]
-    if sum(map(len, plain)) == len(members) and all(len(np.unique(same[run])) == len(run) for run in plain):
-        for run in plain:
-            bodies.setdefault(np.unique(same[run]).tobytes(), run)
-        return [*bodies.values()], members[:0]
-    for kinds, marks, sum_of in (
-        (oriented, directed, add),
-        (None, directed, add),
-        (same, directed, add),
-        (same, even, xor),
-    ):
-        pool = np.union1d(left, opposite)
-        once = pool if kinds is None else _once(pool, kinds)
-        taken, kept = [once[:0]], [once[:0]]
-        for run in map(np.array, _runs(once.tolist(), *marks, sum_of)):
-            body, key = run, np.unique(same[run])
-            if len(key) < len(run):
-                body = run[_without_opposites(corners[run])]
-                key = np.unique(same[body])
-            bodies.setdefault(key.tobytes(), body)
-            taken.append(run)
-            kept.append(body)
-        left = np.setdiff1d(left, np.concatenate(taken))
-        # What is there in both orientations may be another body, which comes among the triangles of this one.
-        opposite = np.setdiff1d(np.union1d(opposite, np.concatenate(taken)), np.concatenate(kept))
-    found = [*bodies.values()]
-    pool = np.union1d(left, opposite)
-    rest = pool[np.isin(pool, left) | _may_enclose(edges[pool], same[pool])]
-    return found, rest[~np.isin(oriented[rest], oriented[np.concatenate([members[:0], *found])])]
-
-
-def _may_enclose(edges: Indices, same: Indices) -> Bools:
-    """Leave out triangles that are the only one at an edge, then those that are so without them, and so on.
-
-    Args:
-        edges: The edges of each triangle, (f, 3).
-        same: A number that only triangles with the same corners share, (f,).
+        edges: The edges of each triangle, none of which is repeated, (f, 3).
 
     Returns:
         Which triangles are left, (f,). After `_PEELINGS` rounds some may be left that enclose nothing.
     """
-    if not len(same):
-        return np.zeros(0, dtype=np.bool_)
-    _, alive = np.unique(same, return_index=True)
+    left = np.arange(len(edges))
     for _ in range(_PEELINGS):
-        around = edges[alive]
-        kept = (np.bincount(around.ravel())[around] > 1).all(axis=1)
-        if kept.all():
+        around = edges[left]
+        counts = np.bincount(around.ravel())
+        ends = (counts[around] == 1).any(axis=1)
+        if not ends.any():
             break
-        alive = alive[kept]
-    return np.isin(same, same[alive])
+        patch = _patches(around, counts)
+        left = left[~np.isin(patch, patch[ends])]
+    found = np.zeros(len(edges), dtype=np.bool_)
+    found[left] = True
+    return found
+
+
+def _share_edges(edges: Indices, group: Indices, members: Indices) -> Bools:
+    """Return which of the members, (m,), are in a group in which an edge belongs to more than two of them, (m,)."""
+    around = edges[members]
+    shared = (np.bincount(around.ravel())[around] > 2).any(axis=1)
+    return np.isin(group[members], group[members[shared]])
+
+
+def _divided(members: Indices, group: Indices) -> list[Indices]:
+    """Return the members of each group."""
+    members = members[np.argsort(group[members], kind="stable")]
+    return np.split(members, np.flatnonzero(np.diff(group[members])) + 1) if len(members) else []
 
 
 def _once(triangles: Indices, number: Indices) -> Indices:
@@ -228,63 +198,174 @@ def _once(triangles: Indices, number: Indices) -> Indices:
     return np.asarray(triangles[np.sort(first)])
 
 
-def _cycles(corners: Indices, wanted: Bools) -> list[Indices]:
-    """Return sets of triangles that pass each edge an even number of times, if a wanted triangle is in any.
+def _bodies(
+    all_of: _Triangles, group: Indices, members: Indices
+) -> tuple[list[Indices], list[Indices], Indices]:
+    """Find the bodies of groups that consist of them: triangles that follow each other and are closed.
 
-    All other such sets are sums of these. So where one of them winds around a point, one that is returned does. This is
-    Gaussian elimination modulo 2, of patches that end only where other than two triangles meet.
+    These pass each edge as often in one direction as in the other, and none of them is repeated. A body that is there
+    several times counts once.
+
+    Args:
+        all_of: All triangles.
+        group: The group of each triangle, (f,).
+        members: Those of groups, one group after the other, in the order of the file, (m,).
+
+    Returns:
+        The triangles of each body, those of closed surfaces of groups that do not consist of them, and all members of such
+        groups, (k,).
+    """
+    runs = dict[bytes, Indices]()
+    used = [members[:0]]
+    for run in map(np.array, _runs(members.tolist(), *all_of.marks)):
+        key = np.unique(all_of.same[run])
+        if len(key) == len(run):
+            used.append(run)
+            runs.setdefault(key.tobytes(), run)
+    mixed = np.unique(group[np.setdiff1d(members, np.concatenate(used))])
+    others = set(mixed.tolist())
+    clean = [run for run in runs.values() if int(group[run[0]]) not in others]
+    closed = [run for run in runs.values() if int(group[run[0]]) in others]
+    return clean, closed, members[np.isin(group[members], mixed)]
+
+
+def _solids(
+    all_of: _Triangles, group: Indices, once: Indices, closed: list[Indices]
+) -> tuple[list[tuple[Indices, Bools]], int]:
+    """Find closed surfaces that enclose all that groups of triangles enclose.
+
+    All others are sums and differences of these. So where one of them winds around a point, one that is returned does.
+
+    Args:
+        all_of: All triangles.
+        group: The group of each triangle, (f,).
+        once: The different triangles of the groups, (m,).
+        closed: The triangles of surfaces that are known to be closed.
+
+    Returns:
+        The triangles of each, and which are turned over, (k,) each; and how many numbers elimination combined.
+    """
+    same = all_of.same
+    used = np.concatenate([once[:0], *closed])
+    private = np.bincount(same[used], minlength=len(same))[same] == 1
+    # The others can do without one triangle of each.
+    opened = np.concatenate([once[:0], *(run[private[run]][:1] for run in closed)])
+    once = once[~np.isin(same[once], same[opened])]
+    once = once[_may_enclose(all_of.edges[once])]
+    found = [(run, np.zeros(len(run), dtype=np.bool_)) for run in closed]
+    cycles, combined = _cycles(all_of.corners[once], group[once])
+    return found + [(once[rows], turned) for rows, turned in cycles], combined
+
+
+def _cycles(corners: Indices, group: Indices) -> tuple[list[tuple[Indices, Bools]], int]:
+    """Return a basis of the closed surfaces that triangles form with those of their group.
+
+    This is Gaussian elimination with whole numbers, of patches that end only where other than two triangles meet.
 
     Args:
         corners: Different triangles, (f, 3).
-        wanted: Which of them are wanted, (f,).
+        group: The group of each, (f,).
 
     Returns:
-        The triangles of each; none if no wanted triangle is in any, or if there are too many patches or triangles.
+        The triangles of each, as often as they belong to it, and which are turned over; and how many numbers were combined.
+        Not all surfaces if these are more than `MOST_COMBINED`, or if more than `_MOST_REPEATED` triangles are repeated.
     """
-    edges, _ = _edges(corners)
-    counts = np.bincount(edges)
-    one, other = _across(edges, counts)
-    patch = _components(len(corners), one // 3, other // 3)
-    if (number := int(patch.max()) + 1) > _MOST_PATCHES:
-        return []
-    ends = np.flatnonzero(counts[edges] != 2)
-    _, rim = np.unique(edges[ends], return_inverse=True)
-    passed = [0] * number  # A bit for each edge that a patch passes an odd number of times.
-    for k, edge in zip(patch[ends // 3].tolist(), rim.tolist(), strict=True):
-        passed[k] ^= 1 << edge
-    is_wanted = np.bincount(patch[wanted], minlength=number) > 0
-    pivots, found, total, any_wanted = dict[int, tuple[int, int]](), list[Indices](), 0, False
-    for k in np.argsort(is_wanted, kind="stable").tolist():
-        rest, sum_of = passed[k], 1 << k
-        while rest and (pivot := pivots.get(rest & -rest)):
-            rest, sum_of = rest ^ pivot[0], sum_of ^ pivot[1]
+    if not len(corners):
+        return [], 0
+    edges, forward = _edges(corners)
+    one, other = _across(edges, np.bincount(edges))
+    flipped, patch, sound = _oriented(len(corners), one // 3, other // 3, forward[one] == forward[other])
+    by_patch, sizes = np.argsort(patch, kind="stable"), np.bincount(patch)
+    starts = np.cumsum(sizes) - sizes
+    ended, ends, times = _ends(edges, np.where(forward != np.repeat(flipped, 3), 1, -1), patch)
+    since = np.searchsorted(ended, np.arange(len(sound) + 1))
+    found = list[tuple[Indices, Bools]]()
+    combined, repeated = 0, -len(corners)
+    pivots = dict[int, tuple[dict[int, int], dict[int, int]]]()
+    _, first = np.unique(patch, return_index=True)
+    for k in np.argsort(group[first], kind="stable")[sound].tolist():
+        own = slice(since[k], since[k + 1])
+        rest, sum_of = dict(zip(ends[own].tolist(), times[own].tolist(), strict=True)), {k: 1}
+        while rest and (pivot := pivots.get(edge := min(rest))):
+            combined += sum(map(len, (rest, sum_of, *pivot)))
+            if combined > MOST_COMBINED:
+                return found, combined
+            rest, sum_of = _without(edge, (rest, sum_of), pivot)
         if rest:
-            pivots[rest & -rest] = rest, sum_of
-        else:
-            any_wanted |= bool(is_wanted[k])
-            found.append(np.flatnonzero(np.array([sum_of >> j & 1 for j in range(number)])[patch]))
-            total += len(found[-1])
-            if total > _MOST_REPEATED:
-                return []
-    return found if any_wanted else []
+            pivots[min(rest)] = rest, sum_of
+            continue
+        repeated += sum(abs(n) * int(sizes[j]) for j, n in sum_of.items())
+        if repeated > _MOST_REPEATED:
+            return found, combined
+        parts = [
+            (np.repeat(by_patch[starts[j] : starts[j] + sizes[j]], abs(n)), n < 0) for j, n in sum_of.items()
+        ]
+        rows = np.concatenate([each for each, _ in parts])
+        turned = np.concatenate([flipped[each] != turned for each, turned in parts])
+        found.append((rows, turned))
+    return found, combined
 
 
-def _runs(
-    members: list[int], bounds: list[int], own: list[int], sum_of: Callable[[int, int], int]
-) -> list[list[int]]:
+def _ends(edges: Indices, ways: Indices, patch: Indices) -> tuple[Indices, Indices, Indices]:
+    """Return how often each patch passes the edges at which it ends, in their directions.
+
+    Args:
+        edges: The edges of triangles, (3 f,).
+        ways: In which direction, 1 or -1, (3 f,).
+        patch: The patch of each triangle, (f,).
+
+    Returns:
+        Patches in ascending order, edges, and how often the patch passes the edge, (k,) each. Of edges at which the same
+        patches end in the same way, only one.
+    """
+    number = int(edges.max()) + 1
+    keys, at = np.unique(np.repeat(patch, 3) * number + edges, return_inverse=True)
+    times = np.zeros(len(keys), dtype=np.int64)
+    np.add.at(times, at, ways)
+    patches, ends = np.divmod(keys[times != 0], number)
+    times = times[times != 0]
+    # Edges are equal if the marks of their patches add up to the same.
+    marks, sums = (
+        np.random.default_rng().integers(1, 2**40, int(patch.max()) + 1),
+        np.zeros(number, dtype=np.int64),
+    )
+    np.add.at(sums, ends, times * marks[patches])
+    _, first = np.unique(np.abs(sums), return_index=True)
+    kept = np.isin(ends, first)
+    return patches[kept], ends[kept], times[kept]
+
+
+_Sum = tuple[dict[int, int], dict[int, int]]
+"""How often a sum of patches passes edges at which it ends, and how often each patch belongs to it."""
+
+
+def _without(edge: int, one: _Sum, other: _Sum) -> _Sum:
+    """Return a multiple of one sum plus one of another, such that an edge is not passed."""
+    times, less = other[0][edge], one[0][edge]
+    found = list[dict[int, int]]()
+    for a, b in zip(one, other, strict=True):
+        both = {k: times * n for k, n in a.items()}
+        for k, n in b.items():
+            both[k] = both.get(k, 0) - less * n
+        found.append({k: n for k, n in both.items() if n})
+    most = gcd(*(n for each in found for n in each.values()))
+    rest, sum_of = ({k: n // most for k, n in each.items()} for each in found)
+    return rest, sum_of
+
+
+def _runs(members: list[int], bounds: list[int], own: list[int]) -> list[list[int]]:
     """Find triangles that follow each other and are closed: the marks of what bounds them add up to 0.
 
     Args:
         members: Triangles in the order of the file.
         bounds: The sum of the marks of its edges, of each triangle.
         own: A mark of its own, of each triangle: those that add up to 0 too are left out, as they enclose nothing.
-        sum_of: How to add marks.
     """
     runs, waiting = list[list[int]](), list[int]()
     edges, areas, at = [0], [0], {0: 0}  # The sums after each that waits; and where each sum of `bounds` is.
     for triangle in members:
         waiting.append(triangle)
-        edge, area = sum_of(edges[-1], bounds[triangle]), sum_of(areas[-1], own[triangle])
+        edge, area = edges[-1] + bounds[triangle], areas[-1] + own[triangle]
         since = at.setdefault(edge, len(waiting))
         if since == len(waiting):
             edges.append(edge)
@@ -302,27 +383,6 @@ def _apart(corners: Indices, part: Indices) -> Indices:
     """Return triangles, (f, 3), with other corners in each part, so that parts have none in common."""
     _, renamed = np.unique(part[:, None] * (corners.max() + 1) + corners, return_inverse=True)
     return renamed.reshape(-1, 3)
-
-
-def _without_opposites(corners: Indices) -> Indices:
-    """Leave out pairs of triangles with the same corners and opposite orientations, which enclose nothing.
-
-    Args:
-        corners: Triangles with three different corners, (f, 3).
-
-    Returns:
-        The triangles that are left, (g,).
-    """
-    if not len(corners):
-        return np.zeros(0, dtype=np.int64)
-    same, sign = _distinct(corners)
-    net = np.bincount(same, weights=sign).astype(np.int64)
-    # Of those with the orientation that is left over, keep as many as are left over.
-    leading = np.flatnonzero(sign == np.sign(net)[same])
-    leading = leading[np.argsort(same[leading], kind="stable")]
-    starts = np.flatnonzero(np.diff(same[leading], prepend=-1))
-    rank = np.arange(len(leading)) - np.repeat(starts, np.diff(np.append(starts, len(leading))))
-    return np.sort(leading[rank < np.abs(net)[same[leading]]])
 
 
 def _distinct(corners: Indices) -> tuple[Indices, Indices]:
@@ -417,6 +477,12 @@ def _edges(corners: Indices) -> tuple[Indices, Bools]:
     low, high = ends.min(axis=1), ends.max(axis=1)
     _, edges = np.unique(low * (int(corners.max()) + 1) + high, return_inverse=True)
     return edges.ravel(), ends[:, 0] < ends[:, 1]
+
+
+def _patches(edges: Indices, counts: Indices) -> Indices:
+    """Return the patch of triangles, with edges (f, 3), that are connected across edges of exactly two of them, (f,)."""
+    one, other = _across(edges.ravel(), counts)
+    return _components(len(edges), one // 3, other // 3)
 
 
 def _across(edges: Indices, counts: Indices) -> tuple[Indices, Indices]:

@@ -36,6 +36,9 @@ _COMPARISON = 500
 """Triangles that a comparison with a surface counts in addition to its own, for the calls of NumPy."""
 
 
+_COMPARED_FOR_EACH_NUMBER = 4
+"""Triangles that are compared in the time in which elimination combines one number."""
+
 _COMPARED_IN_A_SECOND = 2**23
 """What a second of processor time counts, in which coal looks whether two surfaces touch. In surfaces that lie close to each
 other without contact it may compare each triangle with each."""
@@ -64,8 +67,12 @@ class Interior:
         Raises:
             InvalidScene: To find its cavities takes too long.
         """
+        self.compared = 0
+        """Triangles that surfaces were compared with to find cavities, added up, see `MOST_COMPARED`; and what elimination
+        counts."""
         if bounds is None:
-            faces, surface, trusted, whole = closed_surfaces(vertices, faces)
+            faces, surface, oriented, whole, combined = closed_surfaces(vertices, faces)
+            self.compared = _COMPARED_FOR_EACH_NUMBER * combined
         else:
             surface = bounds[:, 0]
         self.faces = faces
@@ -82,15 +89,13 @@ class Interior:
         else:
             self._least = self._most = np.zeros((0, 3))
         self.closed: bool
-        """Is every surface closed, and does it enclose something?"""
+        """Is every surface closed, and does one enclose something?"""
         self._cavities: dict[int, list[int]] = {}
-        self.compared = 0
-        """Triangles that surfaces were compared with to find cavities, added up; see `MOST_COMPARED`."""
         if bounds is None:
             self._volumes, sums = self._signed_volumes()
             self._solid = np.abs(self._volumes) > _FLAT * sums
-            self.closed = bool(whole and len(self._used) and self._solid.all())
-            self._find_cavities(self._solid & trusted)
+            self.closed = bool(whole and self._solid.any())
+            self._find_cavities(self._solid & oriented)
             self._turn_outward()
         else:
             self.closed = bool((bounds[:, 1] != OPEN).all())
@@ -108,10 +113,11 @@ class Interior:
         The solid has the number of its outer surface. In place of these numbers, `OPEN` says that there is none, and
         `NOTHING` that the triangle changes nothing.
         """
-        solid = np.where(self._solid, np.arange(len(self._starts)), OPEN)
+        none = NOTHING if self.closed else OPEN
+        solid = np.where(self._solid, np.arange(len(self._starts)), none)
         for outer, inner in self._cavities.items():
             solid[inner] = outer
-        found = np.full((len(self.faces), 2), NOTHING if self.closed else OPEN)
+        found = np.full((len(self.faces), 2), none)
         surface = np.repeat(np.arange(len(self._starts)), self._ends - self._starts)
         found[self._used] = np.stack([surface, solid[surface]], axis=1)
         return found
@@ -180,7 +186,7 @@ class Interior:
             if compared > MOST_COMPARED:
                 larger.clear()
                 break
-        self.compared = compared
+        self.compared += compared
         models = dict[int, Any]()
         for surface, around in larger.items():
             # The smallest first: what surrounds it, too, does not matter then.

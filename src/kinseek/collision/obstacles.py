@@ -97,8 +97,8 @@ def _require_few_surfaces(bodies: list[Body], path: Path) -> None:
             meshes.add(shape)
             if compared > 2 * MOST_COMPARED:
                 raise InvalidScene(
-                    f"{path}: the meshes up to {body.name!r} have too many surfaces that may lie in each other; simplify "
-                    "the meshes, or use their convex hulls"
+                    f"{path}: the meshes up to {body.name!r} have too many surfaces that may lie in each other or share "
+                    "edges; simplify the meshes, or use their convex hulls"
                 )
 
 
