@@ -149,6 +149,8 @@ def _parts(corners: Indices) -> tuple[list[_Part], int]:
     mixed = _share_edges(edges, group, once)
     # Of the others, only repeated triangles hid that each edge belongs to two.
     bodies = [*_divided(members[~shared], group), *clean, *_divided(once[~mixed], group)]
+    groups = set(group[once[mixed]].tolist())
+    closed = [run for run in closed if int(group[run[0]]) in groups]
     solids, combined = _solids(all_of, group, once[mixed], closed)
     used = np.concatenate([members[:0], *bodies, *(rows for rows, _ in solids)])
     bodies.append(np.flatnonzero(~np.isin(same, same[used])))
