@@ -91,6 +91,33 @@ def test_a_limit_on_an_arc_is_foreseen_to_the_period() -> None:
     assert tracker.foresee(poses=arm.fk(joints[60:80])).status is TrackStatus.TRACKING
 
 
+@pytest.mark.parametrize("dt", [0.001, 0.016])
+@pytest.mark.parametrize("refused", [False, True])
+def test_the_time_of_the_last_step_changes_no_prediction(dt: float, refused: bool) -> None:
+    """The speeds of all steps to come were those of a step of that time; a refused one also changed a twist."""
+    arm = kinseek.load("ur5e")
+    q = np.deg2rad([0.0, -90, 90, -90, -90, 0])
+    trackers = [arm.track(q, period=0.004, velocity=1.5) for _ in range(2)]
+    T = arm.fk(q)
+    for k in range(60):
+        T[0, 3] += 0.0012
+        for tracker, each in zip(trackers, (None, dt), strict=True):
+            tracker.step(T, dt=each if k == 59 and not refused else None)
+    if refused:
+        with pytest.raises(kinseek.InvalidGoal):
+            trackers[1].step(np.zeros((4, 4)), dt=dt)
+    coming = np.repeat(T[None], 100, axis=0)
+    coming[:, 0, 3] += 0.0012 * np.arange(1, 101)
+    one, other = (tracker.foresee(poses=coming) for tracker in trackers)
+    assert one.status is other.status is TrackStatus.TRACKING
+    for tracker in trackers:
+        tracker.step(twist=[0.1, 0, 0, 0, 0, 0])
+    with pytest.raises(kinseek.InvalidGoal):
+        trackers[1].step(np.zeros((4, 4)))
+    if refused:
+        assert (trackers[0].step(twist=np.zeros(6)).q == trackers[1].step(twist=np.zeros(6)).q).all()
+
+
 def test_asking_changes_nothing() -> None:
     arm = kinseek.load("panda")
     q = np.array([0.1, -0.5, 0.2, -2.0, 0.1, 1.6, 0.4])

@@ -206,6 +206,20 @@ def test_the_joint_and_its_limit_are_named() -> None:
     assert step.limited == (arm.joint_names[0], "position")
 
 
+def test_a_joint_that_brakes_before_its_limit_is_not_at_it() -> None:
+    """The status was LIMIT from half a radian before it, on the way to a pose inside."""
+    arm = kinseek.load("ur5e").with_limits({"shoulder_pan_joint": (-1.0, 1.0)})
+    q = np.deg2rad([0.0, -90, 90, -90, -90, 0])
+    tracker = arm.track(q, period=0.005, velocity=2.0, acceleration=4.0)
+    braked = 0
+    for k in range(300):
+        step = tracker.step(arm.fk([min(1.0, 0.009 * (k + 1)), *q[1:]]))
+        braked += step.limited == ("shoulder_pan_joint", "position")
+        assert step.status is not TrackStatus.LIMIT or step.q[0] > 0.999
+    assert braked > 20
+    assert step.status is TrackStatus.TRACKING
+
+
 def test_limits_of_the_arm_are_taken() -> None:
     arm = kinseek.load("ur5e").with_limits(velocity=1.0, acceleration=3.0)
     tracker = arm.track(HOMES["ur5e"])

@@ -107,6 +107,68 @@ def test_it_rests_before_a_wall_and_comes_back(jerk: float | None) -> None:
     assert step.position_error < 1e-6
 
 
+@pytest.mark.parametrize("acceleration", [20.0, None])
+def test_errors_near_a_body_are_those_of_the_joints(acceleration: float | None) -> None:
+    """A step said TRACKING with the error of the reference, 1e-13 m, while the hand was 49 mm away."""
+    arm, home = kinseek.load("ur5e"), np.array(HOMES["ur5e"])
+    scene, begin = wall(arm), arm.fk(home)
+    tracker = arm.track(home, 0.002, velocity=1.5, acceleration=acceleration, scene=scene, clearance=0.01)
+    seen = set()
+    for k in range(1500):
+        T = begin @ kinseek.pose([0.1 * np.sin(k / 150), 0.1 * np.sin(k / 93), 0.05 * np.sin(k / 77)])
+        step = tracker.step(T @ kinseek.pose([0.03, 0, 0]) if k % 400 < 200 else T)
+        away = np.linalg.norm(
+            arm.fk(step.q)[:3, 3] - (T @ kinseek.pose([0.03 * (k % 400 < 200), 0, 0]))[:3, 3]
+        )
+        assert step.position_error == pytest.approx(away, abs=1e-9)
+        assert (step.status is not TrackStatus.TRACKING) or away < 1e-6
+        seen.add(step.status)
+    assert {TrackStatus.TRACKING, TrackStatus.LAGGING} <= seen
+
+
+@pytest.mark.parametrize("gap", [1e-4, 3e-4, 5e-4])
+@pytest.mark.parametrize("how", ["pose", "twist", "velocity"])
+def test_it_leaves_a_body_that_it_nearly_touches(gap: float, how: str) -> None:
+    """Three links at a wall kept each other where they were, and one link could not use what was granted to it."""
+    arm, home = kinseek.load("ur5e"), np.array(HOMES["ur5e"])
+    pytest.importorskip("coal")
+    scene = Scene.of(arm, capsules=0.05)
+    size, y = [2.0, 0.02, 2.0], 1.0
+    scene.add_box("plate", size, kinseek.pose([0.0, y, 0.5]))
+
+    def away(q: Array) -> float:
+        return min(-hit.depth for hit in scene.hits(q, 1.5) if "plate" in (hit.a, hit.b))
+
+    y -= away(home) - gap
+    scene.remove("plate")
+    scene.add_box("plate", size, kinseek.pose([0.0, y, 0.5]))
+    assert away(home) == pytest.approx(gap, abs=2e-6)
+    tracker, T = arm.track(home, 0.004, **LIMITS, scene=scene), arm.fk(home)
+    T[1, 3] -= 0.1
+    given: dict[str, dict[str, Any]] = {
+        "pose": {"T": T},
+        "twist": {"twist": [0, -0.05, 0, 0, 0, 0]},
+        "velocity": {"velocity": [-0.2, 0, 0, 0, 0, 0]},
+    }
+    for _ in range(400):
+        tracker.step(**given[how])
+    assert away(tracker.q) > 0.01
+
+
+def test_no_matrix_is_followed_beside_a_body() -> None:
+    """While the hand goes straight after a body held it, any matrix was made a pose near the hand."""
+    arm, home = kinseek.load("ur5e"), np.array(HOMES["ur5e"])
+    tracker, T = arm.track(home, 0.004, **LIMITS, scene=wall(arm)), arm.fk(home)
+    T[0, 3] += 0.2
+    for _ in range(1500):
+        step = tracker.step(T)
+    assert step.status is TrackStatus.BRAKING
+    for wrong in (np.zeros((4, 4)), np.diag([1.0, 1.0, -1.0, 1.0]), 2.0 * np.eye(4)):
+        with pytest.raises(kinseek.InvalidGoal):
+            tracker.step(wrong)
+    assert (tracker.q == step.q).all()
+
+
 def test_a_body_that_is_removed_or_added_is_noticed() -> None:
     arm, home = kinseek.load("ur5e"), np.array(HOMES["ur5e"])
     scene = wall(arm)

@@ -80,6 +80,15 @@ def test_golden_tables(name: str, tmp_path: Path) -> None:
     assert text == (GOLDEN / name).read_text()
 
 
+def test_stamps_of_a_ros_message_increase() -> None:
+    """The last two were equal if the period is a little less than a part of the duration."""
+    trajectory = kinseek.load("ur5e").move(np.zeros(6), np.full(6, 0.31), acceleration=5.0)
+    for k in range(2, 60):
+        period = trajectory.duration / k - 3e-10 / k
+        stamps = [each["time_from_start"] for each in to_ros(trajectory, period)["points"]]
+        assert (np.diff([each["sec"] * 10**9 + each["nanosec"] for each in stamps]) > 0).all()
+
+
 def test_a_ros_message() -> None:
     trajectory = smooth(duration=2.000000000499, pose_times=(0.0, 2.0))
     points = trajectory.sample(0.3)

@@ -106,6 +106,8 @@ def test_no_step_of_a_stream_is_longer_than_a_period(tmp_path: Path) -> None:
     trajectory = smooth(duration=2.04)
     found = points(written(tmp_path, "seam.script", trajectory, 0.1))
     np.testing.assert_allclose(found[[0, 19, 20, 21]], trajectory.q([0.0, 1.9, 2.0, 2.04]), atol=1e-9)
+    times = re.findall(r"\], 0, 0, ([0-9.]+),", (tmp_path / "seam.script").read_text())
+    assert set(times[:-1]) == {"0.100000"}  # Also the last step.
 
 
 @pytest.mark.parametrize(("file", "language", "period"), PROGRAMS)

@@ -285,7 +285,11 @@ def _cycles(corners: Indices, group: Indices) -> tuple[list[tuple[Indices, Bools
     combined, repeated = 0, -len(corners)
     pivots = dict[int, tuple[dict[int, int], dict[int, int]]]()
     _, first = np.unique(patch, return_index=True)
-    for k in np.argsort(group[first], kind="stable")[sound].tolist():
+    patches = np.bincount(group[first])
+    # Groups with few patches first: those with many may exhaust what is allowed.
+    for k in np.lexsort((group[first], patches[group[first]])).tolist():
+        if not sound[k]:
+            continue
         own = slice(since[k], since[k + 1])
         rest, sum_of = dict(zip(ends[own].tolist(), times[own].tolist(), strict=True)), {k: 1}
         while rest and (pivot := pivots.get(edge := min(rest))):

@@ -163,14 +163,13 @@ class LimitedJoints:
         scene, room = self._margins, self.room
         assert scene is not None
         exact, keep = self._exact, self._around.clearance + RESERVE
-        granted: list[int] = []
+        granted = set[int]()
         measured = 0
         while (pair := restriction.pair) >= 0:
             if what == FOLLOW and exact.get(pair, np.inf) < keep + CLOSE:
                 what = STRAIGHT
-            elif (
-                room.distance[pair] != exact.get(pair, np.inf) - keep
-            ):  # Joints have moved since it was measured.
+            elif pair not in granted and room.distance[pair] != exact.get(pair, np.inf) - keep:
+                # Joints have moved since it was measured.
                 if measured == FEW:
                     self._measure(scene)
                 exact[pair] = scene.distance(self.motion.q[self._own], pair)
@@ -180,13 +179,20 @@ class LimitedJoints:
                 what = STRAIGHT
             elif pair not in granted and self._leads_apart(scene, pair, exact[pair]):
                 # Where the joints lead bodies apart, or along each other, the reserve is theirs.
-                granted.append(pair)
+                granted.add(pair)
                 room.distance[pair] += RESERVE
             else:
+                # Others without room would keep the joints where they are.
+                for other in np.flatnonzero(room.distance <= 0.0).tolist():
+                    exact[other] = scene.distance(self.motion.q[self._own], other)
+                    room.distance[other] = exact[other] - keep
+                    if other in granted or self._leads_apart(scene, other, exact[other]):
+                        granted.add(other)
+                        room.distance[other] += RESERVE
                 restriction = Restriction(*limited_step(self.motion, room, h, what, True))
                 break
             restriction = Restriction(*limited_step(self.motion, room, h, what, False))
-        room.distance[granted] -= RESERVE
+        room.distance[[*granted]] -= RESERVE
         return restriction
 
     def _leads_apart(self, scene: Margins, pair: int, distance: float) -> bool:

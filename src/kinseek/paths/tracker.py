@@ -13,7 +13,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kinseek.errors import InvalidProblem, suggest
+from kinseek.errors import InvalidProblem, KinseekError, suggest
 from kinseek.goal import Goal
 from kinseek.kernels.arm.jacobian import jacobian_many
 from kinseek.kernels.arm.pose_error import LARGEST
@@ -265,10 +265,19 @@ class Tracker:
             InvalidGoal: `T` is not one pose.
             InvalidProblem: Several targets, or another argument that is not as described.
         """
-        if dt is not None or self._duration != self.period:
+        before = self._duration
+        if dt is not None or before != self.period:
             self._set_duration(dt)
-        if twist is not None or velocity is not None or T is None or axes != "base":
-            return self._without_pose(T, twist, axes, velocity)
+        try:
+            if twist is not None or velocity is not None or T is None or axes != "base":
+                return self._without_pose(T, twist, axes, velocity)
+            return self._with_pose(T)
+        except KinseekError:
+            self._set_duration(before)
+            raise
+
+    def _with_pose(self, T: Any) -> Step:
+        """Do one step towards a pose."""
         target = (
             plain_array(T, (4, 4)) if self._goal.plain and not self._way and self._return is None else None
         )
@@ -279,12 +288,14 @@ class Tracker:
                 self._forget_loss()
                 return self._stopped()
             target = self._goal.target(T)
-        self._carried = None
         if self._way:
-            return self._along(target)
-        if self._return is not None:
-            return self._recovered(target, *self._return)
-        return self._tracked(target)
+            step = self._along(target)
+        elif self._return is not None:
+            step = self._recovered(target, *self._return)
+        else:
+            step = self._tracked(target)
+        self._carried = None
+        return step
 
     def _set_duration(self, dt: float | None) -> None:
         """Set the duration of this step.
@@ -299,7 +310,9 @@ class Tracker:
         """Do one step towards a pose as kernels take it, (4, 4)."""
         joints, state, aim = self._joints, self._state, target
         joints.look()
-        if self._beside > 0:
+        if self._beside > 0 and not has_gaps(target):
+            if self._goal.plain:
+                target = self._goal.target(target)
             self._beside -= 1
             aim = self._ahead(target)
         if self._drift is not None:
@@ -318,14 +331,14 @@ class Tracker:
             # The kernel has moved nothing. Checking in Python repairs a pose that is nearly valid, or raises an error.
             return self._stopped() if has_gaps(target) else self._tracked(self._goal.target(target))
         restriction = Restriction(*found)
-        if restriction.pair >= 0:
+        if held := restriction.pair >= 0:
             restriction = joints.with_room(restriction, self._duration)
         ranges = self._goal.given.ranges is not None
-        if restriction.pair >= 0 or aim is not target or ranges:
-            # The kernel compares with `aim`, and with one point of ranges: the values of their joints in this period.
+        if held or aim is not target or ranges:
+            # The kernel compares the reference with `aim`, and with one point of ranges: the values of their joints now.
             position, orientation = self._goal.errors(joints.motion.q, target)
             met = self._goal.met(position, orientation)
-            if aim is not target and not met:
+            if not met and (aim is not target or ended == servo.TRACKING):
                 ended = LAGGING
             if ranges and ended in (LAGGING, LIMIT, SINGULAR) and met:
                 ended = servo.TRACKING
@@ -352,8 +365,6 @@ class Tracker:
 
         The reference is nearest to the target in every period, which leads the hand the shortest way only if it is near.
         """
-        if has_gaps(target):
-            return target
         return _towards(self._goal.target(self._goal.pose_at(self.q)), target, HELD, 1.0, np.zeros(6))
 
     def _reached(self, position: float, orientation: float, ended: int, restriction: Restriction) -> int:
@@ -362,7 +373,13 @@ class Tracker:
             return ended
         if self._goal.met(position, orientation):
             return servo.TRACKING
-        return LIMIT if restriction.limit == POSITION else LAGGING
+        return LIMIT if self._is_at_limit(restriction) else LAGGING
+
+    def _is_at_limit(self, restriction: Restriction) -> bool:
+        """Return whether the joint that is kept from what was desired has arrived at the end of its range."""
+        motion, joint = self._joints.motion, restriction.joint
+        arrived = not motion.lower[joint] < motion.q[joint] < motion.upper[joint]
+        return restriction.limit == POSITION and (arrived or abs(motion.velocity[joint]) < AT_REST)
 
     def _reported(
         self, status: TrackStatus, position: float, orientation: float, restriction: Restriction
@@ -434,7 +451,7 @@ class Tracker:
         restriction = self._go(numbers)
         status = TrackStatus.TRACKING
         if restriction.joint >= 0:
-            status = TrackStatus.LIMIT if restriction.limit == POSITION else TrackStatus.LAGGING
+            status = TrackStatus.LIMIT if self._is_at_limit(restriction) else TrackStatus.LAGGING
         return self._reported(status, np.nan, np.nan, restriction)
 
     def _stopped(self) -> Step:
@@ -710,8 +727,9 @@ class Tracker:
     def _standing(self, at_once: int, away: Array | None = None) -> State:
         """Return the current state, or one at rest `away` from it, (n,), for steps of `at_once` periods each."""
         state = _copied(self._state)
-        state.reach[:] *= at_once
-        state.last[:] *= at_once
+        periods = at_once * (self.period / self._duration)
+        state.reach[:] *= periods
+        state.last[:] *= periods
         if away is not None:
             state.now[:] += away
             state.last[:] = 0.0

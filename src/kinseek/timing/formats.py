@@ -27,7 +27,7 @@ from .languages import (
     program,
     require_name,
 )
-from .trajectory import Samples, Trajectory
+from .trajectory import SAME_TIME, Samples, Trajectory
 
 Array = NDArray[np.float64]
 
@@ -35,9 +35,6 @@ LANGUAGES = {"servoj": SERVOJ, "movej": MOVEJ, "movel": MOVEL, "krl": KRL, "rapi
 """Languages by name."""
 ENDINGS = {".script": "servoj", ".src": "krl", ".mod": "rapid"}
 """Language of a file, by its ending."""
-
-_SAME_TIME = 1e-9
-"""Points closer together than this are one point [s]: it is the resolution of ROS."""
 
 
 def save(
@@ -56,8 +53,10 @@ def save(
         write_table(form.place, table(trajectory, period), Path(file).suffix)
         return
     points = _samples(trajectory, period)
-    # Of a stream each point takes a whole period, also the last one.
-    if period is not None and not form.language.needs_period:
+    if period is not None and form.language.needs_period:
+        # Of a stream each point takes a whole period, also the last one.
+        points = points._replace(times=period * np.arange(float(len(points.times))))
+    elif period is not None:
         points = _without_short_end(points)
     text = program(
         trajectory.mechanism,
@@ -155,8 +154,8 @@ def _samples(trajectory: Trajectory, period: float | None) -> Samples:
     if period is not None:
         return trajectory.sample(period)
     inner = trajectory.pose_times
-    inner = inner[(inner > _SAME_TIME) & (inner < trajectory.duration - _SAME_TIME)]
-    inner = inner[np.diff(inner, prepend=0.0) > _SAME_TIME]
+    inner = inner[(inner > SAME_TIME) & (inner < trajectory.duration - SAME_TIME)]
+    inner = inner[np.diff(inner, prepend=0.0) > SAME_TIME]
     end = [trajectory.duration] if trajectory.duration > 0.0 else []
     times = np.concatenate([[0.0], inner, end])
     return Samples(times, trajectory.q(times), trajectory.velocity(times), trajectory.acceleration(times))

@@ -33,6 +33,9 @@ Indices = NDArray[np.int64]
 MOST_SAMPLES = 5_000_000
 """Largest number of samples of a trajectory, such as 2.8 hours at 500 Hz: each takes some 400 bytes when it is written."""
 
+SAME_TIME = 1e-9
+"""Points closer together than this are one point [s]: it is the resolution of ROS."""
+
 TINY = 1e-300
 """Prevents division by zero."""
 
@@ -189,9 +192,8 @@ class Trajectory(Lazy):
         if period <= 0.0:
             raise InvalidProblem(f"period must be above 0 [s], got {period:g}")
         # The last multiple is left out if it is the end up to rounding.
-        times = np.append(
-            period * np.arange(max(int(np.ceil(self.duration / period - 1e-9)), 0)), self.duration
-        )
+        multiples = int(np.ceil(self.duration / period - max(1e-9, SAME_TIME / period)))
+        times = np.append(period * np.arange(max(multiples, int(self.duration > 0.0))), self.duration)
         return Samples(times, self.q(times), self.velocity(times), self.acceleration(times))
 
     def save(
