@@ -1,9 +1,8 @@
 """The closed surfaces of triangles, from how they are connected.
 
 Triangles are joined across edges that belong to exactly two of them, and oriented alike. A surface is closed if each of its
-edges is then passed as often in one direction as in the other. The order of the file separates bodies that share edges or
-triangles: the triangles of each follow each other. Where connected triangles do not consist of such bodies, all that they
-enclose is solid.
+edges then belongs to two triangles. The order of the file separates bodies that share edges or triangles: the triangles of
+each follow each other. Where connected triangles do not consist of such bodies, all that they enclose is solid.
 """
 
 from __future__ import annotations
@@ -26,11 +25,15 @@ SAME = 9
 OPEN = -1
 """In place of the number of a closed surface: the triangle belongs to none."""
 
-_MOST_REPEATED = 2**18
-"""Most triangles that are repeated because they belong to several closed surfaces."""
-
 MOST_COMBINED = 2**22
 """Most numbers that elimination combines: some seconds."""
+
+_MOST_TIMES = 64
+"""A closed surface to which a triangle belongs more often is left out; this prevents overflow."""
+
+_LARGEST = 2**24
+"""Largest random factor in a sum of closed surfaces: the windings of several cancel at a point with this probability, and
+rounding errors stay far below 1."""
 
 _PEELINGS = 50
 """Rounds in which patches that enclose nothing are left out."""
@@ -40,14 +43,15 @@ class ClosedSurfaces(NamedTuple):
     """Triangles and their closed surfaces."""
 
     faces: Indices
-    """The triangles as indices of vertices, and again those that belong to several surfaces; those of a surface are oriented
-    alike, (g, 3)."""
+    """The triangles as indices of vertices, such that those of a surface are oriented alike, (f, 3)."""
     surface: Indices
-    """The number of the closed surface of each, `OPEN` if there is none, (g,)."""
+    """The number of the closed surface of each, `OPEN` if there is none, (f,)."""
+    times: Indices
+    """How often each counts in its surface, negative if it is to be turned over, (f,)."""
     oriented: Bools
     """Which surfaces the file orients without contradiction, (s,)."""
     whole: bool
-    """Do all triangles belong to closed surfaces?"""
+    """Were all surfaces found, and do all triangles belong to them or repeat those that do?"""
     combined: int
     """How many numbers elimination combined."""
 
@@ -63,26 +67,72 @@ def closed_surfaces(vertices: Array, faces: Indices) -> ClosedSurfaces:
     corners = places.ravel()[faces]
     extended = np.flatnonzero((corners != np.roll(corners, 1, axis=1)).all(axis=1))
     corners = corners[extended]
-    from_file, turned = (np.full(len(corners), each, dtype=np.bool_) for each in (True, False))
-    combined = 0
-    if _shares_edges(corners):
-        parts, combined = _parts(corners)
-        sizes = [len(part.rows) for part in parts]
-        rows, turned = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
-        from_file = np.repeat([part.from_file for part in parts], sizes)
-        extended, corners = extended[rows], _apart(corners[rows], np.repeat(np.arange(len(parts)), sizes))
-        corners[turned] = corners[turned, ::-1]
-        _, first = np.unique(extended, return_index=True)
-        again = np.delete(np.arange(len(extended)), first)
-        faces = np.concatenate([faces, faces[extended[again]]])
-        extended[again] = np.arange(len(faces) - len(again), len(faces))
-    flipped, surface, closed, trusted = _surfaces(corners)
-    trusted[surface[~from_file]] = False
-    faces, turned = faces.copy(), extended[flipped != turned]
+    found = _divided(corners)
+    in_body = np.flatnonzero(found.body != OPEN)
+    flipped, part, closed, oriented = _surfaces(_apart(corners[in_body], found.body[in_body]))
+    oriented[part[found.both_ways[in_body]]] = False
+    faces, turned = faces.copy(), extended[in_body[flipped]]
     faces[turned] = faces[turned, ::-1]
-    found = np.full(len(faces), OPEN)
-    found[extended] = np.where(closed, np.cumsum(closed) - 1, OPEN)[surface]
-    return ClosedSurfaces(faces, found, trusted[closed], bool(closed.all()), combined)
+    surface, times = np.full(len(faces), OPEN), np.ones(len(faces), dtype=np.int64)
+    surface[extended[in_body]] = np.where(closed, np.cumsum(closed) - 1, OPEN)[part]
+    in_sum = np.flatnonzero(found.times != 0)
+    groups, number = np.unique(found.group[in_sum], return_inverse=True)
+    surface[extended[in_sum]] = number + closed.sum()
+    times[extended[in_sum]] = found.times[in_sum]
+    return ClosedSurfaces(
+        faces,
+        surface,
+        times,
+        np.concatenate([oriented[closed], np.zeros(len(groups), dtype=np.bool_)]),
+        found.whole and bool(closed.all()),
+        found.combined,
+    )
+
+
+class _Divided(NamedTuple):
+    """Triangles that may belong to closed surfaces."""
+
+    body: Indices
+    """The number of the body to which each belongs, `OPEN` if to none, (f,)."""
+    both_ways: Bools
+    """Which are there in the other orientation, too, and belong to no other body, (f,)."""
+    group: Indices
+    """The number of the group of connected triangles of each, (f,)."""
+    times: Indices
+    """How often each counts in the sum of closed surfaces of a group that does not consist of bodies, (f,)."""
+    whole: bool
+    """Do all triangles belong to these, or repeat those that do?"""
+    combined: int
+    """How many numbers elimination combined."""
+
+
+def _divided(corners: Indices) -> _Divided:
+    """Divide triangles, (f, 3), with three different corners into bodies, and groups that do not consist of bodies."""
+    number = len(corners)
+    body, times = np.zeros(number, dtype=np.int64), np.zeros(number, dtype=np.int64)
+    if not _shares_edges(corners):
+        return _Divided(body, np.zeros(number, dtype=np.bool_), body, times, True, 0)
+    all_of = _triangles(corners)
+    once = _once(np.arange(number), all_of.same)
+    members = np.flatnonzero(np.isin(all_of.same, all_of.same[once[_may_enclose(all_of.edges[once])]]))
+    group = np.full(number, OPEN)
+    group[members] = _components(len(members), *_chained(all_of.edges[members].ravel()))
+    members = members[np.argsort(group[members], kind="stable")]
+    shared = _share_edges(all_of.edges, group, members)
+    clean, closed, others = _bodies(all_of, group, members[shared])
+    once = _once(others, all_of.same)
+    mixed = _share_edges(all_of.edges, group, once)
+    # Of the others, only repeated triangles hid that each edge belongs to two.
+    body[:] = OPEN
+    for k, rows in enumerate([members[~shared], once[~mixed], *clean]):
+        body[rows] = k
+    groups = set(group[once[mixed]].tolist())
+    closed = [run for run in closed if int(group[run[0]]) in groups]
+    times, complete, combined = _sums(all_of, group, once[mixed], closed)
+    used = (body != OPEN) | (times != 0)
+    both_ways = np.isin(2 * all_of.same + (all_of.sign < 0), (2 * all_of.same + (all_of.sign > 0))[~used])
+    whole = complete and bool(np.isin(all_of.same, all_of.same[used]).all())
+    return _Divided(body, both_ways, group, times, whole, combined)
 
 
 def _shares_edges(corners: Indices) -> bool:
@@ -101,6 +151,8 @@ class _Triangles(NamedTuple):
     """Numbers of the edges of each, (f, 3)."""
     same: Indices
     """A number that only triangles with the same corners share, (f,)."""
+    sign: Indices
+    """Of those, 1 or -1 by their orientation, (f,)."""
     marks: tuple[list[int], list[int]]
     """Numbers for what bounds each triangle, and for itself; they add up to 0 if they cancel."""
 
@@ -113,49 +165,7 @@ def _triangles(corners: Indices) -> _Triangles:
     random = np.random.default_rng()
     of_edge, own = (random.integers(1, 2**60, int(k.max()) + 1)[k] for k in (edges, same))
     around = (of_edge * np.where(forward, 1, -1)).reshape(-1, 3).sum(axis=1)
-    return _Triangles(corners, edges.reshape(-1, 3), same, (around.tolist(), (own * sign).tolist()))
-
-
-class _Part(NamedTuple):
-    """Triangles that are examined for closed surfaces by themselves."""
-
-    rows: Indices
-    """The triangles, (k,); they may be in other parts, too."""
-    turned: Bools
-    """Which of them are turned over, (k,)."""
-    from_file: bool
-    """Are they oriented as in the file?"""
-
-
-def _parts(corners: Indices) -> tuple[list[_Part], int]:
-    """Divide triangles into bodies, what encloses nothing, and what other groups enclose.
-
-    Args:
-        corners: Triangles with three different corners, (f, 3).
-
-    Returns:
-        The parts, and how many numbers elimination combined. A repeated triangle may be in no part.
-    """
-    all_of = _triangles(corners)
-    edges, same = all_of.edges, all_of.same
-    once = _once(np.arange(len(corners)), same)
-    members = np.flatnonzero(np.isin(same, same[once[_may_enclose(edges[once])]]))
-    group = np.full(len(corners), OPEN)
-    group[members] = _components(len(members), *_chained(edges[members].ravel()))
-    members = members[np.argsort(group[members], kind="stable")]
-    shared = _share_edges(edges, group, members)
-    clean, closed, others = _bodies(all_of, group, members[shared])
-    once = _once(others, same)
-    mixed = _share_edges(edges, group, once)
-    # Of the others, only repeated triangles hid that each edge belongs to two.
-    bodies = [*_divided(members[~shared], group), *clean, *_divided(once[~mixed], group)]
-    groups = set(group[once[mixed]].tolist())
-    closed = [run for run in closed if int(group[run[0]]) in groups]
-    solids, combined = _solids(all_of, group, once[mixed], closed)
-    used = np.concatenate([members[:0], *bodies, *(rows for rows, _ in solids)])
-    bodies.append(np.flatnonzero(~np.isin(same, same[used])))
-    parts = [_Part(rows, np.zeros(len(rows), dtype=np.bool_), True) for rows in bodies]
-    return parts + [_Part(rows, turned, False) for rows, turned in solids], combined
+    return _Triangles(corners, edges.reshape(-1, 3), same, sign, (around.tolist(), (own * sign).tolist()))
 
 
 def _may_enclose(edges: Indices) -> Bools:
@@ -174,7 +184,8 @@ def _may_enclose(edges: Indices) -> Bools:
         ends = (counts[around] == 1).any(axis=1)
         if not ends.any():
             break
-        patch = _patches(around, counts)
+        one, other = _across(around.ravel(), counts)
+        patch = _components(len(left), one // 3, other // 3)
         left = left[~np.isin(patch, patch[ends])]
     found = np.zeros(len(edges), dtype=np.bool_)
     found[left] = True
@@ -188,12 +199,6 @@ def _share_edges(edges: Indices, group: Indices, members: Indices) -> Bools:
     return np.isin(group[members], group[members[shared]])
 
 
-def _divided(members: Indices, group: Indices) -> list[Indices]:
-    """Return the members of each group."""
-    members = members[np.argsort(group[members], kind="stable")]
-    return np.split(members, np.flatnonzero(np.diff(group[members])) + 1) if len(members) else []
-
-
 def _once(triangles: Indices, number: Indices) -> Indices:
     """Return the first one of the triangles that have the same number."""
     _, first = np.unique(number[triangles], return_index=True)
@@ -205,8 +210,8 @@ def _bodies(
 ) -> tuple[list[Indices], list[Indices], Indices]:
     """Find the bodies of groups that consist of them: triangles that follow each other and are closed.
 
-    These pass each edge as often in one direction as in the other, and none of them is repeated. A body that is there
-    several times counts once.
+    Each edge of a body belongs to two of its triangles, which pass it in opposite directions. A body that is there several
+    times counts once.
 
     Args:
         all_of: All triangles.
@@ -217,26 +222,68 @@ def _bodies(
         The triangles of each body, those of closed surfaces of groups that do not consist of them, and all members of such
         groups, (k,).
     """
-    runs = dict[bytes, Indices]()
-    used = [members[:0]]
-    for run in map(np.array, _runs(members.tolist(), *all_of.marks)):
+    found, doubtful = _runs(members.tolist(), *all_of.marks)
+    runs, used = dict[bytes, Indices](), [members[:0]]
+    for run in map(np.array, found):
         key = np.unique(all_of.same[run])
         if len(key) == len(run):
             used.append(run)
             runs.setdefault(key.tobytes(), run)
-    mixed = np.unique(group[np.setdiff1d(members, np.concatenate(used))])
+    rows = np.concatenate([members[:0], *runs.values()])
+    run = np.repeat(np.arange(len(runs)), [len(each) for each in runs.values()])
+    _, edges, counts = np.unique(
+        np.repeat(run, 3) * (int(all_of.edges.max()) + 1) + all_of.edges[rows].ravel(),
+        return_inverse=True,
+        return_counts=True,
+    )
+    crossing = rows[(counts[edges] > 2).reshape(-1, 3).any(axis=1)]
+    missed = np.setdiff1d(members, np.concatenate(used))
+    mixed = np.unique(group[np.concatenate([missed, crossing, np.array(doubtful, dtype=np.int64)])])
     others = set(mixed.tolist())
-    clean = [run for run in runs.values() if int(group[run[0]]) not in others]
-    closed = [run for run in runs.values() if int(group[run[0]]) in others]
+    clean = [each for each in runs.values() if int(group[each[0]]) not in others]
+    closed = [each for each in runs.values() if int(group[each[0]]) in others]
     return clean, closed, members[np.isin(group[members], mixed)]
 
 
-def _solids(
-    all_of: _Triangles, group: Indices, once: Indices, closed: list[Indices]
-) -> tuple[list[tuple[Indices, Bools]], int]:
-    """Find closed surfaces that enclose all that groups of triangles enclose.
+def _runs(members: list[int], bounds: list[int], own: list[int]) -> tuple[list[list[int]], list[int]]:
+    """Find triangles that follow each other and are closed: the marks of what bounds them add up to 0.
 
-    All others are sums and differences of these. So where one of them winds around a point, one that is returned does.
+    Args:
+        members: Triangles in the order of the file.
+        bounds: The sum of the marks of its edges, of each triangle.
+        own: A mark of its own, of each triangle: those that add up to 0 too are left out, as they enclose nothing.
+
+    Returns:
+        The triangles of each, and triangles where others end that begin in one of these and end in another.
+    """
+    runs, waiting, doubtful = list[list[int]](), list[int](), list[int]()
+    edges, areas, at = [0], [0], {0: 0}  # The sums after each that waits; and where each sum of `bounds` is.
+    inside = dict[int, int]()  # The sums inside those that were found.
+    for triangle in members:
+        waiting.append(triangle)
+        edge, area = edges[-1] + bounds[triangle], areas[-1] + own[triangle]
+        if inside.get(edge, area) != area:
+            doubtful.append(triangle)
+        since = at.setdefault(edge, len(waiting))
+        if since == len(waiting):
+            edges.append(edge)
+            areas.append(area)
+            continue
+        if areas[since] != area:
+            runs.append(waiting[since:])
+        for each, its_area in zip(edges[since + 1 :], areas[since + 1 :], strict=True):
+            del at[each]
+            inside[each] = its_area
+        del waiting[since:], edges[since + 1 :], areas[since + 1 :]
+    return runs, doubtful
+
+
+def _sums(
+    all_of: _Triangles, group: Indices, once: Indices, closed: list[Indices]
+) -> tuple[Indices, bool, int]:
+    """Find a closed surface of each group that winds around all that its triangles enclose.
+
+    It is the sum of surfaces of which all others are sums, with random factors: it winds around a point if one of them does.
 
     Args:
         all_of: All triangles.
@@ -245,22 +292,28 @@ def _solids(
         closed: The triangles of surfaces that are known to be closed.
 
     Returns:
-        The triangles of each, and which are turned over, (k,) each; and how many numbers elimination combined.
+        How often each triangle counts in the sum of its group, (f,); whether all surfaces were found; and how many numbers
+        elimination combined.
     """
-    same = all_of.same
+    same, sign = all_of.same, all_of.sign
     used = np.concatenate([once[:0], *closed])
     private = np.bincount(same[used], minlength=len(same))[same] == 1
     # The others can do without one triangle of each.
     opened = np.concatenate([once[:0], *(run[private[run]][:1] for run in closed)])
-    once = once[~np.isin(same[once], same[opened])]
-    once = once[_may_enclose(all_of.edges[once])]
-    found = [(run, np.zeros(len(run), dtype=np.bool_)) for run in closed]
-    cycles, combined = _cycles(all_of.corners[once], group[once])
-    return found + [(once[rows], turned) for rows, turned in cycles], combined
+    left = once[~np.isin(same[once], same[opened])]
+    left = left[_may_enclose(all_of.edges[left])]
+    times, complete, combined = _basis_sum(all_of.corners[left], group[left])
+    total = np.zeros(len(same), dtype=np.int64)
+    total[same[left]] = sign[left] * times
+    factors = np.random.default_rng().integers(1, _LARGEST, len(closed))
+    np.add.at(total, same[used], sign[used] * np.repeat(factors, [len(run) for run in closed]))
+    found = np.zeros(len(same), dtype=np.int64)
+    found[once] = sign[once] * total[same[once]]
+    return found, complete, combined
 
 
-def _cycles(corners: Indices, group: Indices) -> tuple[list[tuple[Indices, Bools]], int]:
-    """Return a basis of the closed surfaces that triangles form with those of their group.
+def _basis_sum(corners: Indices, group: Indices) -> tuple[Indices, bool, int]:
+    """Return the sum of a basis of the closed surfaces that triangles form with those of their group, with random factors.
 
     This is Gaussian elimination with whole numbers, of patches that end only where other than two triangles meet.
 
@@ -269,47 +322,41 @@ def _cycles(corners: Indices, group: Indices) -> tuple[list[tuple[Indices, Bools
         group: The group of each, (f,).
 
     Returns:
-        The triangles of each, as often as they belong to it, and which are turned over; and how many numbers were combined.
-        Not all surfaces if these are more than `MOST_COMBINED`, or if more than `_MOST_REPEATED` triangles are repeated.
+        How often each triangle counts, negative if it is turned over, (f,); whether that is the whole basis, which takes at
+        most `MOST_COMBINED` numbers; and how many numbers were combined.
     """
     if not len(corners):
-        return [], 0
+        return np.zeros(0, dtype=np.int64), True, 0
     edges, forward = _edges(corners)
     one, other = _across(edges, np.bincount(edges))
     flipped, patch, sound = _oriented(len(corners), one // 3, other // 3, forward[one] == forward[other])
-    by_patch, sizes = np.argsort(patch, kind="stable"), np.bincount(patch)
-    starts = np.cumsum(sizes) - sizes
-    ended, ends, times = _ends(edges, np.where(forward != np.repeat(flipped, 3), 1, -1), patch)
-    since = np.searchsorted(ended, np.arange(len(sound) + 1))
-    found = list[tuple[Indices, Bools]]()
-    combined, repeated = 0, -len(corners)
-    pivots = dict[int, tuple[dict[int, int], dict[int, int]]]()
+    patches, ends, times = _ends(edges, np.where(forward != np.repeat(flipped, 3), 1, -1), patch)
+    since = np.searchsorted(patches, np.arange(len(sound) + 1))
     _, first = np.unique(patch, return_index=True)
-    patches = np.bincount(group[first])
+    in_group = np.bincount(group[first])
+    factors = np.random.default_rng().integers(1, _LARGEST, len(sound)).tolist()
+    total, complete, combined = [0] * len(sound), True, 0
+    pivots = dict[int, _Sum]()
     # Groups with few patches first: those with many may exhaust what is allowed.
-    for k in np.lexsort((group[first], patches[group[first]])).tolist():
+    for k in np.lexsort((group[first], in_group[group[first]])).tolist():
         if not sound[k]:
             continue
         own = slice(since[k], since[k + 1])
         rest, sum_of = dict(zip(ends[own].tolist(), times[own].tolist(), strict=True)), {k: 1}
-        while rest and (pivot := pivots.get(edge := min(rest))):
+        while rest and combined <= MOST_COMBINED and (pivot := pivots.get(edge := min(rest))):
             combined += sum(map(len, (rest, sum_of, *pivot)))
-            if combined > MOST_COMBINED:
-                return found, combined
             rest, sum_of = _without(edge, (rest, sum_of), pivot)
+        if combined > MOST_COMBINED:
+            complete = False
+            break
         if rest:
             pivots[min(rest)] = rest, sum_of
-            continue
-        repeated += sum(abs(n) * int(sizes[j]) for j, n in sum_of.items())
-        if repeated > _MOST_REPEATED:
-            return found, combined
-        parts = [
-            (np.repeat(by_patch[starts[j] : starts[j] + sizes[j]], abs(n)), n < 0) for j, n in sum_of.items()
-        ]
-        rows = np.concatenate([each for each, _ in parts])
-        turned = np.concatenate([flipped[each] != turned for each, turned in parts])
-        found.append((rows, turned))
-    return found, combined
+        elif max(map(abs, sum_of.values())) > _MOST_TIMES:
+            complete = False
+        else:
+            for j, n in sum_of.items():
+                total[j] += factors[k] * n
+    return np.array(total)[patch] * np.where(flipped, -1, 1), complete, combined
 
 
 def _ends(edges: Indices, ways: Indices, patch: Indices) -> tuple[Indices, Indices, Indices]:
@@ -359,34 +406,10 @@ def _without(edge: int, one: _Sum, other: _Sum) -> _Sum:
     return rest, sum_of
 
 
-def _runs(members: list[int], bounds: list[int], own: list[int]) -> list[list[int]]:
-    """Find triangles that follow each other and are closed: the marks of what bounds them add up to 0.
-
-    Args:
-        members: Triangles in the order of the file.
-        bounds: The sum of the marks of its edges, of each triangle.
-        own: A mark of its own, of each triangle: those that add up to 0 too are left out, as they enclose nothing.
-    """
-    runs, waiting = list[list[int]](), list[int]()
-    edges, areas, at = [0], [0], {0: 0}  # The sums after each that waits; and where each sum of `bounds` is.
-    for triangle in members:
-        waiting.append(triangle)
-        edge, area = edges[-1] + bounds[triangle], areas[-1] + own[triangle]
-        since = at.setdefault(edge, len(waiting))
-        if since == len(waiting):
-            edges.append(edge)
-            areas.append(area)
-            continue
-        if areas[since] != area:
-            runs.append(waiting[since:])
-        for each in edges[since + 1 :]:
-            del at[each]
-        del waiting[since:], edges[since + 1 :], areas[since + 1 :]
-    return runs
-
-
 def _apart(corners: Indices, part: Indices) -> Indices:
     """Return triangles, (f, 3), with other corners in each part, so that parts have none in common."""
+    if not part.any():
+        return corners
     _, renamed = np.unique(part[:, None] * (corners.max() + 1) + corners, return_inverse=True)
     return renamed.reshape(-1, 3)
 
@@ -411,42 +434,22 @@ def _surfaces(corners: Indices) -> tuple[Bools, Indices, Bools, Bools]:
     """Divide triangles into surfaces, each with triangles that are oriented alike.
 
     Args:
-        corners: Triangles, (f, 3).
+        corners: Triangles, of which at most two meet at an edge, (f, 3).
 
     Returns:
         Which triangles are turned over, (f,); the surface of each, (f,); which surfaces are closed, (s,); and of which no
         triangle was turned over, (s,).
     """
-    number = len(corners)
-    if not number:
+    if not len(corners):
         return np.zeros(0, bool), np.zeros(0, dtype=np.int64), np.zeros(0, bool), np.zeros(0, bool)
     edges, forward = _edges(corners)
     counts = np.bincount(edges)
     one, other = _across(edges, counts)
-    flipped, patch, sound = _oriented(number, one // 3, other // 3, forward[one] == forward[other])
-    turned_over = np.zeros(len(sound), dtype=bool)
-    turned_over[patch[flipped]] = True
-
-    # Patches are closed by themselves unless they end at an edge of one triangle, or of more than two.
-    ends = np.flatnonzero(counts[edges] != 2)
-    sign = np.where(forward[ends] != flipped[ends // 3], 1, -1)
-    places, at = np.unique(patch[ends // 3] * (int(edges.max()) + 1) + edges[ends], return_inverse=True)
-    net = np.bincount(at, weights=sign, minlength=len(places))
-    loose_patch, loose_edge = np.divmod(places[net != 0], int(edges.max()) + 1)
-    net = net[net != 0]
-
-    # Those that end at the same edges are one surface.
-    by_edge = np.argsort(loose_edge, kind="stable")
-    same = loose_edge[by_edge][1:] == loose_edge[by_edge][:-1]
-    joined = _components(len(sound), loose_patch[by_edge][1:][same], loose_patch[by_edge][:-1][same])
-    closed = np.ones(joined.max() + 1, dtype=bool)
-    trusted = closed.copy()
-    closed[joined[~sound]] = False
-    trusted[joined[turned_over]] = False
-    edge_net = np.zeros(int(edges.max()) + 1)
-    np.add.at(edge_net, loose_edge, net)
-    closed[joined[loose_patch[edge_net[loose_edge] != 0]]] = False
-    return flipped, joined[patch], closed, trusted
+    flipped, surface, closed = _oriented(len(corners), one // 3, other // 3, forward[one] == forward[other])
+    closed[surface[np.flatnonzero(counts[edges] == 1) // 3]] = False
+    alike = np.ones(len(closed), dtype=bool)
+    alike[surface[flipped]] = False
+    return flipped, surface, closed, alike
 
 
 def _oriented(number: int, one: Indices, other: Indices, contradict: Bools) -> tuple[Bools, Indices, Bools]:
@@ -483,12 +486,6 @@ def _edges(corners: Indices) -> tuple[Indices, Bools]:
     low, high = ends.min(axis=1), ends.max(axis=1)
     _, edges = np.unique(low * (int(corners.max()) + 1) + high, return_inverse=True)
     return edges.ravel(), ends[:, 0] < ends[:, 1]
-
-
-def _patches(edges: Indices, counts: Indices) -> Indices:
-    """Return the patch of triangles, with edges (f, 3), that are connected across edges of exactly two of them, (f,)."""
-    one, other = _across(edges.ravel(), counts)
-    return _components(len(edges), one // 3, other // 3)
 
 
 def _across(edges: Indices, counts: Indices) -> tuple[Indices, Indices]:

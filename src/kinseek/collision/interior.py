@@ -26,6 +26,9 @@ _FLAT = 1e-9
 """A surface encloses nothing if the volumes below its triangles cancel up to this share of their sum, which is more than
 rounding."""
 
+_ROUNDING = 1e-14
+"""Error of a winding, for each time that a triangle counts; more than that of its angle."""
+
 _MOST_SURFACES = 10_000
 """In a mesh with more closed surfaces none is a cavity: the bounds of each are compared with those of all others."""
 
@@ -62,7 +65,7 @@ class Interior:
         Args:
             vertices: Vertices, (k, 3) [m].
             faces: Triangles as indices of vertices, (f, 3).
-            bounds: What each of the triangles is known to bound, (f, 2), see `Interior.bounds`.
+            bounds: What each of the triangles is known to bound, (f, 3), see `Interior.bounds`.
 
         Raises:
             InvalidScene: To find its cavities takes too long.
@@ -71,16 +74,16 @@ class Interior:
         """Triangles that surfaces were compared with to find cavities, added up, see `MOST_COMPARED`; and what elimination
         counts."""
         if bounds is None:
-            faces, surface, oriented, whole, combined = closed_surfaces(vertices, faces)
+            faces, surface, times, oriented, whole, combined = closed_surfaces(vertices, faces)
             self.compared = _COMPARED_FOR_EACH_NUMBER * combined
         else:
-            surface = bounds[:, 0]
+            surface, times = bounds[:, 0], bounds[:, 2]
         self.faces = faces
-        """Triangles as indices of vertices, (g, 3), and again those that belong to several closed surfaces. Those of closed
-        surfaces have their inside behind them."""
+        """Triangles as indices of vertices, (f, 3). Those of closed surfaces have their inside behind them, unless they
+        belong to several."""
         order = np.argsort(surface, kind="stable")
         self._used = order[surface[order] >= 0]
-        self._corners = vertices[self.faces[self._used]]
+        self._corners, self._times = vertices[self.faces[self._used]], times[self._used]
         self._starts = np.flatnonzero(np.diff(surface[self._used], prepend=-1))
         self._ends = np.append(self._starts[1:], len(self._used))
         if len(self._used):
@@ -108,7 +111,7 @@ class Interior:
 
     @property
     def bounds(self) -> Indices:
-        """The closed surface to which each triangle belongs, and the solid that it bounds, (g, 2).
+        """The closed surface to which each triangle belongs, the solid that it bounds, and how often it counts, (f, 3).
 
         The solid has the number of its outer surface. In place of these numbers, `OPEN` says that there is none, and
         `NOTHING` that the triangle changes nothing.
@@ -117,9 +120,9 @@ class Interior:
         solid = np.where(self._solid, np.arange(len(self._starts)), none)
         for outer, inner in self._cavities.items():
             solid[inner] = outer
-        found = np.full((len(self.faces), 2), none)
+        found = np.full((len(self.faces), 3), none)
         surface = np.repeat(np.arange(len(self._starts)), self._ends - self._starts)
-        found[self._used] = np.stack([surface, solid[surface]], axis=1)
+        found[self._used] = np.stack([surface, solid[surface], self._times], axis=1)
         return found
 
     def holds(self, point: Array) -> bool:
@@ -149,8 +152,11 @@ class Interior:
         top = np.einsum("ij,ij->i", a, np.cross(b, c))
         dot = [np.einsum("ij,ij->i", u, v) for u, v in ((a, b), (b, c), (c, a))]
         bottom = la * lb * lc + dot[0] * lc + dot[1] * la + dot[2] * lb
-        turns = np.add.reduceat(np.arctan2(top, bottom), begins) / (2 * np.pi)
-        return np.rint(turns).astype(np.int64)
+        times = self._times[rows]
+        turns = np.rint(np.add.reduceat(times * np.arctan2(top, bottom), begins) / (2 * np.pi)).astype(
+            np.int64
+        )
+        return np.where(np.abs(turns) > _ROUNDING * np.add.reduceat(np.abs(times), begins), turns, 0)
 
     def _signed_volumes(self) -> tuple[Array, Array]:
         """Volume of each closed surface, (s,) [m³], negative if it is inside out; and the sum of its parts without signs."""
@@ -158,7 +164,7 @@ class Interior:
             return np.zeros(0), np.zeros(0)
         origins = np.repeat(self._least, self._ends - self._starts, axis=0)
         a, b, c = (self._corners[:, i] - origins for i in range(3))
-        parts = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6
+        parts = self._times * np.einsum("ij,ij->i", a, np.cross(b, c)) / 6
         return np.add.reduceat(parts, self._starts), np.add.reduceat(np.abs(parts), self._starts)
 
     def _find_cavities(self, trusted: Bools) -> None:

@@ -254,8 +254,8 @@ class Mesh(Shape):
     """Added to it on every side to make up for simplification [m]."""
     boxed: bool = False
     """Do first checks take the bounding box of its triangles, which costs less than their hull? Results are the same."""
-    bounds: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
-    """Of a mesh that was simplified: what its triangles bounded before, (f, 2), see `Interior.bounds`."""
+    bounds: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
+    """Of a mesh that was simplified: what its triangles bounded before, (f, 3), see `Interior.bounds`."""
 
     def __post_init__(self) -> None:
         """Validate the mesh."""
