@@ -33,7 +33,7 @@ from .solvers.checks import as_solver, warn_if_far, with_progress
 from .support.deadline import Deadline
 from .support.shapes import Joints, ManyGoals, OneGoal, UnshapedGoal
 from .support.units import warn_of_distance, warn_of_period
-from .support.validation import as_flag, as_integer
+from .support.validation import as_flag, as_integer, is_finite_number
 from .unknown_arguments import unknown_argument
 
 if TYPE_CHECKING:
@@ -801,7 +801,7 @@ def _require_choice(problem: Problem, solver: Solver | None) -> None:
 
 
 def _require_scene(scene: Scene | None, clearance: float) -> None:
-    if scene is None and clearance != 0.0:
+    if scene is None and not (is_finite_number(clearance) and clearance == 0):
         raise InvalidProblem(f"clearance= needs a scene: give scene=, got clearance={clearance!r}")
 
 

@@ -338,6 +338,18 @@ def test_the_largest_and_the_least_shapes_are_as_far_away_as_smaller_ones() -> N
         ).all()  # The library says -1.8e308 where it cannot tell how deep.
 
 
+def test_names_and_flags_of_another_type_are_refused(scene: Scene, arm: kinseek.Arm) -> None:
+    q = np.zeros(arm.dof)
+    names: list[Any] = [["a"], {}, 5, ""]
+    for name in names:
+        with pytest.raises(kinseek.InvalidScene, match="a body needs a name"):
+            scene.add(name, Sphere(0.1))
+    with pytest.raises(kinseek.InvalidScene, match="replace must be True or False, got 'no'"):
+        scene.add("x", Sphere(0.1), replace="no")  # type: ignore[arg-type]
+    with pytest.raises(kinseek.InvalidProblem, match="thorough must be True or False, got 'no'"):
+        scene.free_motion(q, q, thorough="no")  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize("size", [1e-10, 1.1e6, 1e78, 1e160, 1e308])
 def test_sizes_beyond_all_measure_are_refused(size: float, scene: Scene) -> None:
     """Some killed the process, and of others a scene said that an arm inside of them is free."""

@@ -26,6 +26,14 @@ HELD: list[Callable[[Any], Any]] = [
 ]
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_whole_number_beyond_all_floats_is_refused(sign: int) -> None:
+    trajectory = ARM.move([0.0, 0.0], [0.1, 0.1], velocity=1.0, acceleration=1.0)
+    for take in (trajectory.q, trajectory.sample, trajectory.to_ros):
+        with pytest.raises(kinseek.InvalidProblem):
+            take(sign * 10**400)
+
+
 @pytest.mark.parametrize("take", HELD)
 def test_an_imaginary_part_is_refused(take: Callable[[Any], Any]) -> None:
     with pytest.raises(kinseek.KinseekError, match=r"\d+ of \d+ numbers have an imaginary part"):

@@ -28,6 +28,9 @@ OPEN = -1
 MOST_COMBINED = 2**22
 """Most numbers that elimination combines: some seconds."""
 
+_PER_SUM = 16
+"""Numbers that are combined in the time that each sum takes in addition."""
+
 _MOST_TIMES = 64
 """A closed surface to which a triangle belongs more often is left out; this prevents overflow."""
 
@@ -344,7 +347,7 @@ def _basis_sum(corners: Indices, group: Indices) -> tuple[Indices, bool, int]:
         own = slice(since[k], since[k + 1])
         rest, sum_of = dict(zip(ends[own].tolist(), times[own].tolist(), strict=True)), {k: 1}
         while rest and combined <= MOST_COMBINED and (pivot := pivots.get(edge := min(rest))):
-            combined += sum(map(len, (rest, sum_of, *pivot)))
+            combined += _PER_SUM + sum(map(len, (rest, sum_of, *pivot)))
             rest, sum_of = _without(edge, (rest, sum_of), pivot)
         if combined > MOST_COMBINED:
             complete = False

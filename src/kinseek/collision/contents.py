@@ -294,7 +294,7 @@ class Contents:
         for other in touches:
             self._require(other, self._bodies)
         part = _part(shape, pose)
-        frame, is_new = self._links[to], name not in self._bodies
+        frame, is_new = self._links[to], self._is_new(name)
         thicker = length_or_zero("padding", padding)
         body = Body(self._new(name, replace), frame, [part], is_attached=True, padding=thicker)
         draft = copy(self)
@@ -511,7 +511,7 @@ class Contents:
     ) -> None:
         """Add a shape; see `add`. The caller is a method that the user calls: a warning blames the line that calls it."""
         part, draft = _part(shape, pose), copy(self)
-        is_new = name not in draft._bodies
+        is_new = draft._is_new(name)
         body = Body(draft._new(name, replace), Frame(0, np.eye(4)), [part])
         if is_new:  # A program that replaces a body many times is told once.
             self._warn_if_far([body], level=4)
@@ -533,11 +533,23 @@ class Contents:
         origin = "the joint that carries it" if body.frame.joints else "the base"
         warn_of_distance(distance, self._chain.reach, level, what, origin)
 
-    def _new(self, name: str, replace: bool = False) -> str:
+    def _is_new(self, name: str) -> bool:
+        """Return whether there is no body of this name.
+
+        Raises:
+            InvalidScene: It is no name.
+        """
         if not isinstance(name, str) or not name:
-            raise InvalidScene(f"a body needs a name, got {name!r}")
+            raise InvalidScene(f"a body needs a name, got {name!r:.200}")
+        return name not in self._bodies
+
+    def _new(self, name: str, replace: bool = False) -> str:
+        self._is_new(name)
         others = {body for arm in self._others.values() for body in arm.names}
-        if replace and name in self._bodies.keys() - self._links.keys() - others:
+        if (
+            as_flag("replace", replace, InvalidScene)
+            and name in self._bodies.keys() - self._links.keys() - others
+        ):
             return name
         if name in self._bodies or name in self._links or name in self._others:
             if name in self._links:

@@ -39,7 +39,7 @@ _COMPARISON = 500
 """Triangles that a comparison with a surface counts in addition to its own, for the calls of NumPy."""
 
 
-_COMPARED_FOR_EACH_NUMBER = 4
+_COMPARED_FOR_EACH_NUMBER = 8
 """Triangles that are compared in the time in which elimination combines one number."""
 
 _COMPARED_IN_A_SECOND = 2**23

@@ -223,12 +223,17 @@ class Scene(Contents):
             bool, or (...) bool.
 
         Raises:
-            InvalidProblem: `q0`, `q1` or `around` does not fit the arm, or they do not fit each other.
+            InvalidProblem: `q0`, `q1` or `around` does not fit the arm, or they do not fit each other; or `thorough` is
+                neither True nor False.
             InvalidScene: `clearance` is not a length.
         """
         starts, way, shape = self._ways(q0, q1)
         deviation = None if around is None else self._around(around, len(starts))
-        least, made = length_or_zero("clearance", clearance), self._made
+        least, thorough, made = (
+            length_or_zero("clearance", clearance),
+            as_flag("thorough", thorough),
+            self._made,
+        )
         with made.engine.lock:
             free = are_free(made.speeds, starts, starts + way, least, deviation, thorough)
         return free.reshape(shape) if shape else bool(free[0])

@@ -91,6 +91,8 @@ def as_number(name: str, value: Any, least: float, most: float, error: type[Kins
     given: Any = value if isinstance(value, Real) and not isinstance(value, bool) else None
     if isinstance(given, np.floating):  # NumPy would round the bounds to its type.
         given = float(given)
+    if isinstance(given, int) and not is_finite_number(given):  # No float can hold it.
+        given = None
     if given is not None and least <= given <= most:
         return float(given)
     raise error(f"{name} must be a number from {least:g} to {most:g}, got {value!r:.200}")

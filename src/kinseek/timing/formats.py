@@ -135,7 +135,7 @@ def _language(path: Path, language: str | Language | None) -> Language | None:
     if isinstance(language, Language):
         return language
     if language is not None:
-        if language not in LANGUAGES:
+        if not isinstance(language, str) or language not in LANGUAGES:
             raise InvalidProblem(f"{suggest(str(language), LANGUAGES, 'language')}, or a Language")
         return LANGUAGES[language]
     ending = path.suffix.lower()

@@ -272,7 +272,11 @@ def require_name(name: str, language: Language) -> None:
     Raises:
         InvalidProblem: It cannot.
     """
-    if not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", name) or len(name) > language.longest_name:
+    if (
+        not isinstance(name, str)
+        or not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", name)
+        or len(name) > language.longest_name
+    ):
         raise InvalidProblem(
             f"a program cannot be called {name!r:.200}: expected a letter, then letters, digits and underscores, at most "
             f"{language.longest_name} in all. The name is that of the file, or give name="
@@ -295,13 +299,15 @@ def assigned(mechanism: Mechanism, language: Language, axes: Mapping[str, str] |
         raise InvalidProblem(
             f"a program needs joints with a unit, revolute, continuous or prismatic; got {', '.join(others[:8])}"
         )
+    if axes is not None and not isinstance(axes, Mapping):
+        raise InvalidProblem(f"axes must be a dict, {{joint: axis}}, got {axes!r:.200}")
     sought = _in_order(mechanism, language) if axes is None else dict(axes)
     valid = (*language.axes, *language.external)
     for joint, axis in sought.items():
         if joint not in names:
-            raise InvalidProblem(f"axes: {suggest(joint, names, 'joint')}")
-        if axis not in valid:
-            raise InvalidProblem(f"axes: {suggest(axis, valid, 'axis')}")
+            raise InvalidProblem(f"axes: {suggest(str(joint), names, 'joint')}")
+        if not isinstance(axis, str) or axis not in valid:
+            raise InvalidProblem(f"axes: {suggest(str(axis), valid, 'axis')}")
     joint_of = {axis: names.index(joint) for joint, axis in sought.items()}
     if missing := [name for name in names if name not in sought]:
         raise InvalidProblem(f"axes has no axis for the joints {', '.join(missing[:8])}")

@@ -16,7 +16,7 @@ from kinseek.support.validation import as_number
 from . import curve as curves
 from . import law as laws
 from .curve import Curve, parameters, spline
-from .limits import Limits
+from .limits import LARGEST, Limits
 from .obstacles import Obstacles
 from .profile import fastest, in_intervals
 from .tip import chain_to_tip, levers
@@ -90,7 +90,7 @@ def timed(way: Way, limits: Limits, tip_speeds: tuple[float, float]) -> Trajecto
     if chain is None and (limits.tool_speed is not None or any(tip_speeds)):
         raise InvalidProblem(no_axes(way.arm, "the speed of the tip is computed from axes and links"))
     for name, speed in zip(("start_velocity", "end_velocity"), tip_speeds, strict=True):
-        as_number(name, speed, 0.0, np.inf, InvalidProblem)
+        as_number(name, speed, 0.0, LARGEST, InvalidProblem)
     places = parameters(way.q, limits.velocity)
     # Poses with nearly equal joint values are passed at the same time: the way between them has no direction.
     # |dq| w <= |dq / v| |w v| (Cauchy and Schwarz), so that they differ by less than the tolerances.

@@ -16,7 +16,7 @@ from kinseek.kernels.arm.jacobian import jacobian_many
 from kinseek.robots.chain import SerialChain
 from kinseek.robots.mechanism import Mechanism, no_axes
 from kinseek.support.lazy import Lazy, lazy
-from kinseek.support.validation import as_number
+from kinseek.support.validation import as_float_array, as_number
 
 from .curve import Curve
 from .law import Law, constant_acceleration
@@ -362,8 +362,8 @@ class Trajectory(Lazy):
             InvalidProblem: A time is not a number from 0 to the duration.
         """
         try:
-            times = np.asarray(t, dtype=np.float64)
-        except (TypeError, ValueError) as error:
+            times = as_float_array(t)
+        except (TypeError, ValueError, OverflowError) as error:
             raise InvalidProblem(f"t must be a time or an array of times [s]: {error}") from None
         if not ((times >= 0.0) & (times <= self.duration)).all():
             bad = times[~((times >= 0.0) & (times <= self.duration))].ravel()[0]
