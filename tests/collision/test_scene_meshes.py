@@ -462,6 +462,33 @@ def voxels(occupied: np.ndarray) -> np.ndarray:
     return np.array(found, dtype=float)
 
 
+@pytest.mark.parametrize("pinched", ["inside", "outside"])
+def test_a_room_is_hollow_also_where_a_surface_touches_itself(pinched: str) -> None:
+    """Of a body with an edge of four of its triangles was not known any more how it is oriented."""
+    cells = np.ones((2, 2, 2), dtype=bool)
+    cells[0, 0, 0] = cells[1, 1, 0] = False  # Two cells that touch at an edge, joined above.
+    small = voxels(cells) + 1
+    inner = small if pinched == "inside" else (cube(0.4)[0] + [1.5, 2.5, 1.5])[cube(0.4)[1]]
+    outer = (cube(8)[0])[cube(8)[1]] if pinched == "inside" else small
+    corners = np.concatenate([outer, inner[:, ::-1]]).reshape(-1, 3)
+    mesh = Mesh(corners, np.arange(len(corners)).reshape(-1, 3), False)
+    assert mesh.closed
+    assert not mesh.holds(np.array([1.51, 2.53, 1.52]))
+    assert mesh.holds(np.array([1.47, 1.51, 1.53])) == (pinched == "inside")
+    assert mesh.holds(np.array([1.1, 2.1, 1.9])) == (pinched == "outside")
+
+
+def test_long_thin_bodies_hold_no_points_beside_them() -> None:
+    """The sum of their surfaces has large factors, which rounding errors of needles exceeded."""
+    (vertices, faces), size = cube(1), np.array([20_000.0, 0.02, 0.02])
+    bars = together((vertices * size, turned_over(cube(1), 0)[1]), (vertices * size + [0, 0.02, 0], faces))
+    turn = kinseek.pose([0, 0, 0], rpy=[0.3, -0.2, 0.5])[:3, :3]
+    mesh = Mesh(bars[0] @ turn.T, bars[1], False)
+    points = np.column_stack([np.linspace(-9000, 9000, 200), np.full(200, 0.005), np.full(200, 0.02)])
+    assert not any(mesh.holds(turn @ point) for point in points)
+    assert all(mesh.holds(turn @ (point * [1, 1, 0.1])) for point in points)
+
+
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("flipped", [False, True])
 def test_a_wall_before_a_body_takes_no_half_of_it_away(axis: int, flipped: bool) -> None:

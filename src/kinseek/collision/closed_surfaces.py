@@ -213,8 +213,8 @@ def _bodies(
 ) -> tuple[list[Indices], list[Indices], Indices]:
     """Find the bodies of groups that consist of them: triangles that follow each other and are closed.
 
-    Each edge of a body belongs to two of its triangles, which pass it in opposite directions. A body that is there several
-    times counts once.
+    Each edge of a body belongs to two of its triangles, which pass it in opposite directions, or to more where it touches
+    itself. A body that is there several times counts once.
 
     Args:
         all_of: All triangles.
@@ -234,18 +234,24 @@ def _bodies(
             runs.setdefault(key.tobytes(), run)
     rows = np.concatenate([members[:0], *runs.values()])
     run = np.repeat(np.arange(len(runs)), [len(each) for each in runs.values()])
-    _, edges, counts = np.unique(
-        np.repeat(run, 3) * (int(all_of.edges.max()) + 1) + all_of.edges[rows].ravel(),
-        return_inverse=True,
-        return_counts=True,
-    )
-    crossing = rows[(counts[edges] > 2).reshape(-1, 3).any(axis=1)]
+    crossing = rows[_end_in_sums(_apart(all_of.corners[rows], run))]
     missed = np.setdiff1d(members, np.concatenate(used))
     mixed = np.unique(group[np.concatenate([missed, crossing, np.array(doubtful, dtype=np.int64)])])
     others = set(mixed.tolist())
     clean = [each for each in runs.values() if int(group[each[0]]) not in others]
     closed = [each for each in runs.values() if int(group[each[0]]) in others]
     return clean, closed, members[np.isin(group[members], mixed)]
+
+
+def _end_in_sums(corners: Indices) -> Bools:
+    """Return which triangles belong to patches that are not closed by themselves, though their sums are, (f, 3) -> (f,)."""
+    if not len(corners):
+        return np.zeros(0, dtype=np.bool_)
+    edges, forward = _edges(corners)
+    one, other = _across(edges, np.bincount(edges))
+    patch = _components(len(corners), one // 3, other // 3)
+    ending, _, _ = _ends(edges, np.where(forward, 1, -1), patch)
+    return np.isin(patch, ending)
 
 
 def _runs(members: list[int], bounds: list[int], own: list[int]) -> tuple[list[list[int]], list[int]]:
@@ -437,7 +443,7 @@ def _surfaces(corners: Indices) -> tuple[Bools, Indices, Bools, Bools]:
     """Divide triangles into surfaces, each with triangles that are oriented alike.
 
     Args:
-        corners: Triangles, of which at most two meet at an edge, (f, 3).
+        corners: Triangles, (f, 3). Where more than two meet at an edge, surfaces touch themselves.
 
     Returns:
         Which triangles are turned over, (f,); the surface of each, (f,); which surfaces are closed, (s,); and of which no

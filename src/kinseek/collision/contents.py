@@ -537,7 +537,7 @@ class Contents:
         """Return whether there is no body of this name.
 
         Raises:
-            InvalidScene: It is no name.
+            InvalidScene: It is not a name.
         """
         if not isinstance(name, str) or not name:
             raise InvalidScene(f"a body needs a name, got {name!r:.200}")

@@ -26,8 +26,8 @@ _FLAT = 1e-9
 """A surface encloses nothing if the volumes below its triangles cancel up to this share of their sum, which is more than
 rounding."""
 
-_ROUNDING = 1e-14
-"""Error of a winding, for each time that a triangle counts; more than that of its angle."""
+_ROUNDING = 1e-15
+"""Relative error of the products of which the angle of a triangle is computed."""
 
 _MOST_SURFACES = 10_000
 """In a mesh with more closed surfaces none is a cavity: the bounds of each are compared with those of all others."""
@@ -153,10 +153,11 @@ class Interior:
         dot = [np.einsum("ij,ij->i", u, v) for u, v in ((a, b), (b, c), (c, a))]
         bottom = la * lb * lc + dot[0] * lc + dot[1] * la + dot[2] * lb
         times = self._times[rows]
-        turns = np.rint(np.add.reduceat(times * np.arctan2(top, bottom), begins) / (2 * np.pi)).astype(
-            np.int64
-        )
-        return np.where(np.abs(turns) > _ROUNDING * np.add.reduceat(np.abs(times), begins), turns, 0)
+        turns = np.rint(np.add.reduceat(times * np.arctan2(top, bottom), begins) / (2 * np.pi))
+        if (times == 1).all():
+            return turns.astype(np.int64)
+        error = _ROUNDING * np.abs(times) * la * lb * lc / np.maximum(np.hypot(top, bottom), 1e-300)
+        return np.where(np.abs(turns) > np.add.reduceat(error, begins), turns, 0).astype(np.int64)
 
     def _signed_volumes(self) -> tuple[Array, Array]:
         """Volume of each closed surface, (s,) [m³], negative if it is inside out; and the sum of its parts without signs."""
