@@ -273,6 +273,15 @@ def test_simplifying_makes_no_cavities_and_keeps_those_that_are_there(tmp_path: 
     assert len(mesh.bounds) > 0
 
 
+def test_simplified_meshes_of_one_file_are_equal_whatever_the_random_factors_are(tmp_path: Path) -> None:
+    write_obj(tmp_path / "cells.obj", *together(cube(4), (cube(4, 4.0)[0], np.delete(cube(4)[1], 4, axis=0))))
+    one, other = (Mesh.read(tmp_path / "cells.obj", hull=False, simplify=0.001) for _ in range(2))
+    assert np.abs(one.times).max() > 1
+    assert (one.times != other.times).any()
+    assert one == other
+    assert pickle.loads(pickle.dumps(one)).holds(CENTRE)
+
+
 def test_a_cavity_that_crosses_itself_is_solid_where_it_is_oriented_as_the_body_around_it() -> None:
     vertices, faces = cube(60)
     corners = np.concatenate([vertices[faces], lobes()[:, ::-1]]).reshape(-1, 3)

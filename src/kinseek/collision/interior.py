@@ -59,13 +59,14 @@ _BOUNDS = 4
 class Interior:
     """The closed surfaces of a mesh."""
 
-    def __init__(self, vertices: Array, faces: Indices, bounds: Indices | None = None) -> None:
+    def __init__(self, vertices: Array, faces: Indices, known: tuple[Indices, Indices] | None = None) -> None:
         """Find the closed surfaces of triangles and their cavities, unless they are known.
 
         Args:
             vertices: Vertices, (k, 3) [m].
             faces: Triangles as indices of vertices, (f, 3).
-            bounds: What each of the triangles is known to bound, (f, 3), see `Interior.bounds`.
+            known: What each of the triangles is known to bound, (f, 2), and how often it counts, (f,); see `bounds` and
+                `times`.
 
         Raises:
             InvalidScene: To find its cavities takes too long.
@@ -73,17 +74,20 @@ class Interior:
         self.compared = 0
         """Triangles that surfaces were compared with to find cavities, added up, see `MOST_COMPARED`; and what elimination
         counts."""
-        if bounds is None:
-            faces, surface, times, oriented, whole, combined = closed_surfaces(vertices, faces)
+        self.times: Indices
+        """How often each triangle counts in its surface, with random factors if it belongs to several, (f,)."""
+        if known is None:
+            faces, surface, self.times, oriented, whole, combined = closed_surfaces(vertices, faces)
             self.compared = _COMPARED_FOR_EACH_NUMBER * combined
         else:
-            surface, times = bounds[:, 0], bounds[:, 2]
+            bounds, self.times = known
+            surface = bounds[:, 0]
         self.faces = faces
         """Triangles as indices of vertices, (f, 3). Those of closed surfaces have their inside behind them, unless they
         belong to several."""
         order = np.argsort(surface, kind="stable")
         self._used = order[surface[order] >= 0]
-        self._corners, self._times = vertices[self.faces[self._used]], times[self._used]
+        self._corners, self._times = vertices[self.faces[self._used]], self.times[self._used]
         self._starts = np.flatnonzero(np.diff(surface[self._used], prepend=-1))
         self._ends = np.append(self._starts[1:], len(self._used))
         if len(self._used):
@@ -94,7 +98,7 @@ class Interior:
         self.closed: bool
         """Is every surface closed, and does one enclose something?"""
         self._cavities: dict[int, list[int]] = {}
-        if bounds is None:
+        if known is None:
             self._volumes, sums = self._signed_volumes()
             self._solid = np.abs(self._volumes) > _FLAT * sums
             self.closed = bool(whole and self._solid.any())
@@ -111,7 +115,7 @@ class Interior:
 
     @property
     def bounds(self) -> Indices:
-        """The closed surface to which each triangle belongs, the solid that it bounds, and how often it counts, (f, 3).
+        """The closed surface to which each triangle belongs, and the solid that it bounds, (f, 2).
 
         The solid has the number of its outer surface. In place of these numbers, `OPEN` says that there is none, and
         `NOTHING` that the triangle changes nothing.
@@ -120,9 +124,9 @@ class Interior:
         solid = np.where(self._solid, np.arange(len(self._starts)), none)
         for outer, inner in self._cavities.items():
             solid[inner] = outer
-        found = np.full((len(self.faces), 3), none)
+        found = np.full((len(self.faces), 2), none)
         surface = np.repeat(np.arange(len(self._starts)), self._ends - self._starts)
-        found[self._used] = np.stack([surface, solid[surface], self._times], axis=1)
+        found[self._used] = np.stack([surface, solid[surface]], axis=1)
         return found
 
     def holds(self, point: Array) -> bool:

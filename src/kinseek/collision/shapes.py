@@ -254,8 +254,10 @@ class Mesh(Shape):
     """Added to it on every side to make up for simplification [m]."""
     boxed: bool = False
     """Do first checks take the bounding box of its triangles, which costs less than their hull? Results are the same."""
-    bounds: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
-    """Of a mesh that was simplified: what its triangles bounded before, (f, 3), see `Interior.bounds`."""
+    bounds: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
+    """Of a mesh that was simplified: what its triangles bounded before, (f, 2), see `Interior.bounds`."""
+    times: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    """Of a mesh that was simplified: how often its triangles count in their surfaces, (f,), see `Interior.times`."""
 
     def __post_init__(self) -> None:
         """Validate the mesh."""
@@ -337,7 +339,8 @@ class Mesh(Shape):
             return cls(vertices, faces, hull, repr(str(path)), moved)
         # No point that is farther from the simplified surface than `moved` changes sides when the vertices move.
         bounds = np.where(source[:, None] < 0, NOTHING, whole.interior.bounds[source])
-        return cls(vertices, faces, hull, repr(str(path)), moved, bounds=bounds)
+        times = whole.interior.times[source]
+        return cls(vertices, faces, hull, repr(str(path)), moved, bounds=bounds, times=times)
 
     @property
     def thickness(self) -> float:
@@ -392,7 +395,8 @@ class Mesh(Shape):
             InvalidScene: To find its cavities takes too long.
         """
         try:
-            return Interior(self.vertices, self.faces, self.bounds if len(self.bounds) else None)
+            known = (self.bounds, self.times) if len(self.bounds) else None
+            return Interior(self.vertices, self.faces, known)
         except InvalidScene as error:
             raise InvalidScene(f"{self.name}: {error}") from None
 
@@ -438,8 +442,9 @@ class Mesh(Shape):
 
 
 def measures_of(shape: Shape) -> list[NDArray[Any]]:
-    """Return all numbers of a shape: what two shapes of one kind differ by, other than a name for messages."""
-    return [np.ascontiguousarray(getattr(shape, item.name)) for item in fields(shape) if item.name != "name"]
+    """Return all numbers of a shape: what two shapes of one kind differ by, other than a name and random factors."""
+    names = [item.name for item in fields(shape) if item.name not in ("name", "times")]
+    return [np.ascontiguousarray(getattr(shape, name)) for name in names]
 
 
 def digest_of(shape: Shape) -> bytes:
