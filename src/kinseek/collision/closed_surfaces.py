@@ -386,9 +386,9 @@ def _ends(edges: Indices, ways: Indices, patch: Indices) -> tuple[Indices, Indic
     np.add.at(times, at, ways)
     patches, ends = np.divmod(keys[times != 0], number)
     times = times[times != 0]
-    # Edges are equal if the marks of their patches add up to the same.
+    # Edges are equal if the marks of their patches add up to the same, modulo 2**64.
     marks, sums = (
-        np.random.default_rng().integers(1, 2**40, int(patch.max()) + 1),
+        np.random.default_rng().integers(1, 2**60, int(patch.max()) + 1),
         np.zeros(number, dtype=np.int64),
     )
     np.add.at(sums, ends, times * marks[patches])

@@ -26,8 +26,8 @@ _FLAT = 1e-9
 """A surface encloses nothing if the volumes below its triangles cancel up to this share of their sum, which is more than
 rounding."""
 
-_ROUNDING = 1e-15
-"""Relative error of the products of which the angle of a triangle is computed."""
+_ROUNDING = 2e-15
+"""Relative error of the products of which the angle of a triangle is computed, and some more."""
 
 _MOST_SURFACES = 10_000
 """In a mesh with more closed surfaces none is a cavity: the bounds of each are compared with those of all others."""
@@ -161,7 +161,8 @@ class Interior:
         if (times == 1).all():
             return turns.astype(np.int64)
         error = _ROUNDING * np.abs(times) * la * lb * lc / np.maximum(np.hypot(top, bottom), 1e-300)
-        return np.where(np.abs(turns) > np.add.reduceat(error, begins), turns, 0).astype(np.int64)
+        # The errors are independent, so their squares add up.
+        return np.where(turns**2 > np.add.reduceat(error**2, begins), turns, 0).astype(np.int64)
 
     def _signed_volumes(self) -> tuple[Array, Array]:
         """Volume of each closed surface, (s,) [m³], negative if it is inside out; and the sum of its parts without signs."""
