@@ -282,9 +282,14 @@ def test_simplified_meshes_of_one_file_are_equal_whatever_the_random_factors_are
     assert pickle.loads(pickle.dumps(one)).holds(CENTRE)
 
 
-def test_a_cavity_that_crosses_itself_is_solid_where_it_is_oriented_as_the_body_around_it() -> None:
+@pytest.mark.parametrize("crossed", [False, True])
+def test_a_cavity_that_crosses_itself_is_solid_where_it_is_oriented_as_the_body_around_it(
+    crossed: bool,
+) -> None:
+    """Also where another cavity crosses it."""
     vertices, faces = cube(60)
-    corners = np.concatenate([vertices[faces], lobes()[:, ::-1]]).reshape(-1, 3)
+    room = cube(3)[0][cube(3)[1]][:, ::-1] + [0, 0, -1]
+    corners = np.concatenate([vertices[faces], lobes()[:, ::-1], room[: 12 * crossed]]).reshape(-1, 3)
     mesh = Mesh(corners, np.arange(len(corners)).reshape(-1, 3), False)
     assert not mesh.holds(np.array([15.1, 0.2, -1.0]))
     assert mesh.holds(np.array([0.1, 0.2, -1.0]))

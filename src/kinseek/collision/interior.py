@@ -139,7 +139,8 @@ class Interior:
                 continue
             inner = self._windings(np.array(self._cavities.get(solid, ()), dtype=np.int64), point)
             # A cavity may cross itself, and be solid where it winds around the point as the solid does.
-            if not (-np.sign(turns) * inner >= abs(turns)).any():
+            along = np.sign(turns) * inner
+            if (along > 0).any() or not (-along >= abs(turns)).any():
                 return True
         return False
 
