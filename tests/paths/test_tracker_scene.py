@@ -155,6 +155,24 @@ def test_it_leaves_a_body_that_it_nearly_touches(gap: float, how: str) -> None:
     assert away(tracker.q) > 0.01
 
 
+def test_a_slow_jog_leaves_enough_room_to_leave() -> None:
+    """At 0.05 mm/s each step used 1e-7 m of the reserve up, until no motion was possible any more."""
+    arm, home = kinseek.load("ur5e"), np.array(HOMES["ur5e"])
+    scene = wall(arm)
+    tracker = arm.track(home, 0.002, **LIMITS, scene=scene)
+    T = arm.fk(home)
+    T[0, 3] += 0.2
+    for _ in range(1500):
+        tracker.step(T)
+    for _ in range(12_000):
+        step = tracker.step(twist=[4e-5, 0, 0, 0, 0, 0])
+    assert step.status is TrackStatus.BRAKING
+    assert scene.distance(step.q) > 8e-4
+    for _ in range(400):
+        tracker.step(twist=[-0.05, 0, 0, 0, 0, 0])
+    assert scene.distance(tracker.q) > 0.01
+
+
 def test_no_matrix_is_followed_beside_a_body() -> None:
     """While the hand goes straight after a body held it, any matrix was made a pose near the hand."""
     arm, home = kinseek.load("ur5e"), np.array(HOMES["ur5e"])

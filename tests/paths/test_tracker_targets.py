@@ -204,6 +204,20 @@ def test_an_order_that_no_drift_follows_is_an_error(monkeypatch: pytest.MonkeyPa
         tracker.step(arm.fk(PANDA))
 
 
+def test_refused_and_repaired_poses_change_no_drift() -> None:
+    """The preference moved on in each of them, though the tracker did not."""
+    arm, q = kinseek.load("panda"), np.array([0.1, -0.5, 0.2, -2.0, 0.1, 1.6, 0.4])
+    plain, other, third = (arm.track(q, 0.004, velocity=1.0, prefer="mid-range") for _ in range(3))
+    T = arm.fk(q)
+    rounded = T.copy()
+    rounded[:3, :3] += 1e-8
+    for _ in range(80):
+        with pytest.raises(kinseek.InvalidGoal):
+            other.step(np.zeros((4, 4)))
+        assert (plain.step(T).q == other.step(T).q).all()
+        assert np.abs(third.step(rounded).q - other.q).max() < 1e-6
+
+
 def test_preferences_change_on_the_way_and_wrong_ones_are_refused() -> None:
     panda, ur5e = kinseek.load("panda"), kinseek.load("ur5e")
     tracker = panda.track(PANDA, 0.004, velocity=1.5)

@@ -47,6 +47,17 @@ class DriftOptions(NamedTuple):
 ANYWHERE = DriftOptions()
 
 
+class DriftState(NamedTuple):
+    """What a drift goes on from."""
+
+    age: float
+    """Time since the aim was computed [s]."""
+    aim: Array
+    """Velocity that is approached, (n,)."""
+    velocity: Array
+    """(n,)"""
+
+
 class Drift:
     """A preferred motion of joints of which the hand needs only what does not move it."""
 
@@ -65,7 +76,8 @@ class Drift:
         self._posture: PostureRequest | None = None
         self._order: Order | None = None
         chain = problem.chain
-        self._age, self._aim, self._velocity = np.inf, np.zeros(chain.dof), np.zeros(chain.dof)
+        self.state = DriftState(np.inf, np.zeros(chain.dof), np.zeros(chain.dof))
+        """Before the next step."""
         self._ends = np.array(chain.kinds) != "continuous"
         self._middle = np.where(self._ends, (chain.lower + chain.upper) / 2.0, 0.0)
         self._half = np.where(self._ends, np.maximum(chain.upper - chain.lower, 1e-12) / 2.0, 1.0)
@@ -99,13 +111,14 @@ class Drift:
 
     def step(self, q: Array, h: float) -> Array:
         """Return by how much the preference moves the joints at q in the next step, (n,)."""
-        self._age += h
-        if self._age >= AGAIN:
-            self._age, wanted = 0.0, self._wanted(q)
+        age, aim, velocity = self.state
+        age += h
+        if age >= AGAIN:
+            age, wanted = 0.0, self._wanted(q)
             fastest = np.abs(wanted).max(initial=0.0)
-            self._aim = wanted * min(1.0, self._speed / fastest) if fastest > 0.0 else wanted
-        self._velocity = self._velocity + (1.0 - np.exp(-h / RISE)) * (self._aim - self._velocity)
-        return self._velocity * h
+            aim = wanted * min(1.0, self._speed / fastest) if fastest > 0.0 else wanted
+        self.state = DriftState(age, aim, velocity + (1.0 - np.exp(-h / RISE)) * (aim - velocity))
+        return self.state.velocity * h
 
     def _wanted(self, q: Array) -> Array:
         """Return the preferred velocity of joints that does not move the hand: the projection of the gradient."""

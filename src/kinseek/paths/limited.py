@@ -38,6 +38,9 @@ CLOSE = 0.04
 """If bodies were closer to each other when their distance was last measured, the joints go straight [m]. Not examined
 further."""
 
+WORN = 1e-4
+"""How far motions along a body use the reserve up in all, until bodies are farther apart again [m]."""
+
 FEW = 3
 """Distances that are measured in a step before those of all other pairs are bounded again. Not examined further."""
 
@@ -126,6 +129,8 @@ class LimitedJoints:
         self._margins: Margins | None = None
         self._exact: dict[int, float] = {}
         """Distances of pairs when they were last measured."""
+        self._entered: dict[int, float] = {}
+        """Those of pairs in the reserve, when the joints began to use it."""
         self.room = Room(np.zeros((0, n)), np.zeros(0))
 
     def __getstate__(self) -> dict[str, Any]:
@@ -175,6 +180,8 @@ class LimitedJoints:
                 exact[pair] = scene.distance(self.motion.q[self._own], pair)
                 room.distance[pair] = exact[pair] - keep
                 measured += 1
+                if exact[pair] >= keep:
+                    self._entered.pop(pair, None)
             elif what == FOLLOW:
                 what = STRAIGHT
             elif pair not in granted and self._leads_apart(scene, pair, exact[pair]):
@@ -197,7 +204,8 @@ class LimitedJoints:
 
     def _leads_apart(self, scene: Margins, pair: int, distance: float) -> bool:
         """Return whether two bodies at a distance are not closer where what is desired comes to rest."""
-        return scene.distance(self.motion.rest[self._own], pair) >= distance - ALONG
+        least = max(distance - ALONG, self._entered.setdefault(pair, distance) - WORN)
+        return scene.distance(self.motion.rest[self._own], pair) >= least
 
     def look(self) -> None:
         """Take notice of bodies that were added, removed or moved."""
@@ -209,6 +217,7 @@ class LimitedJoints:
         levers[:, self._own] = own
         self.room = Room(levers, np.full(len(levers), -np.inf))
         self._exact.clear()
+        self._entered.clear()
         self._measure(scene)
         self._margins = scene  # Last: what interrupts this call leaves it to the next one.
 

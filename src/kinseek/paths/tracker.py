@@ -315,6 +315,7 @@ class Tracker:
                 target = self._goal.target(target)
             self._beside -= 1
             aim = self._ahead(target)
+        drifted = None if self._drift is None else self._drift.state
         if self._drift is not None:
             self._set_drift(self._drift)
         position, orientation, ended, *found = track_step(
@@ -329,6 +330,8 @@ class Tracker:
         )
         if ended == servo.NO_POSE:
             # The kernel has moved nothing. Checking in Python repairs a pose that is nearly valid, or raises an error.
+            if self._drift is not None and drifted is not None:
+                self._drift.state = drifted
             return self._stopped() if has_gaps(target) else self._tracked(self._goal.target(target))
         restriction = Restriction(*found)
         if held := restriction.pair >= 0:
