@@ -153,6 +153,15 @@ class LimitedJoints:
         self.motion.wanted[:] = velocity
         return self._step(h, GO)
 
+    def alone(self) -> LimitedJoints:
+        """Return these joints without the scene, to see where they are going to be."""
+        now = self.motion
+        rates = Rates(now.velocity_limit, now.acceleration_limit, now.jerk_limit)
+        found = LimitedJoints(now.lower, now.upper, rates, now.q, self._own)
+        for row, mine in zip(found.motion, now, strict=True):
+            row[:] = mine
+        return found
+
     def restart(self) -> None:
         """Forget the target that was followed."""
         self.motion.before[:] = self.motion.q

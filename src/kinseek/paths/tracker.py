@@ -49,6 +49,9 @@ AXES = ("base", "tool")
 MOST_PERIODS = 1_000_000
 """Most periods of a motion to another branch."""
 
+ARRIVED = 1e-9
+"""A switch ends where every joint is this close to its end [rad or m]."""
+
 AT_REST = 0.01
 """If a body holds the joints and none is faster than this, the reference begins again where they are [rad/s] or [m/s]. Not
 examined further."""
@@ -582,7 +585,8 @@ class Tracker:
                 nearest other branch is searched.
 
         Returns:
-            The motion, one row per period, (k, n). It is linear in the joints, so the hand follows no pose during it.
+            The motion, one row per period, (k, n), unless a body holds the joints. The hand follows no pose during it. It is
+                linear in the joints from where they were to be, which they reach on the way.
 
         Raises:
             InvalidProblem: No pose was given yet, the pose has no other branch inside the limits, `to` does not reach it, or
@@ -608,9 +612,18 @@ class Tracker:
                 f"the motion to the other branch takes {max(needed, MOST_PERIODS):.3g} periods or more, expected at most "
                 f"{MOST_PERIODS:,}: give arm.track a higher velocity= or a longer period="
             )
-        self._way = list(way)
+        self._way, rows = list(way), list[Array]()
+        joints = self._joints.alone()
+        # Joints that are not at the reference, or move, follow the way later.
+        for _ in range(MOST_PERIODS):
+            joints.follow(self._way[len(rows)], self.period)
+            rows.append(joints.motion.q[self._own].copy())
+            if len(rows) == len(self._way):
+                if np.abs(joints.motion.q - way[-1]).max() <= ARRIVED:
+                    break
+                self._way.append(way[-1])
         self._forget_loss()
-        return np.asarray(way[:, self._own])
+        return np.array(rows)
 
     def continuing(self, seconds: float = 1.5, looks: int = 75) -> Array | None:
         """Find another branch of the last pose on which the extrapolated motion of the hand can continue.
