@@ -296,6 +296,23 @@ def test_a_cavity_that_crosses_itself_is_solid_where_it_is_oriented_as_the_body_
     assert mesh.holds(np.array([-20.0, 0.2, -1.0]))
 
 
+@pytest.mark.parametrize("first", [False, True])
+def test_a_body_in_a_room_that_crosses_itself_is_solid(first: bool) -> None:
+    """The volumes of the lobes nearly cancel, so that the body counted as larger than the room, and as a cavity of it."""
+    solid, (vertices, faces) = cube(60), cube(2)
+    body = vertices[faces] + [15, 0, -2]
+    room = lobes()[:, ::-1]
+    parts = [solid[0][solid[1]], room, body]
+    corners = np.concatenate(parts[::-1] if first else parts).reshape(-1, 3)
+    small = (np.abs(corners[:, 0]) < 9) & (np.abs(corners[:, 2] + 4) < 1e-9)
+    for larger in (0.0, 4.0, 7.45):  # The height of the smaller lobe [m].
+        moved = corners.copy()
+        moved[small, 2] -= larger
+        mesh = Mesh(moved, np.arange(len(moved)).reshape(-1, 3), False)
+        assert mesh.holds(np.array([15.1, 0.2, -2.1]))
+        assert not mesh.holds(np.array([15.1, 0.2, -4.1]))
+
+
 @pytest.mark.parametrize("tolerance", [None, 1e-5, 0.002, 0.004])
 def test_simplifying_a_surface_away_leaves_the_one_around_it(tolerance: float | None, tmp_path: Path) -> None:
     """An open skin fell onto the box around it: each triangle was there in both orientations, and nothing was solid."""

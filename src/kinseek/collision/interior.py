@@ -180,12 +180,14 @@ class Interior:
         Args:
             trusted: Which surfaces enclose something and are oriented in the file, (s,).
         """
-        inward, volumes, sizes = self._volumes < 0, np.abs(self._volumes), self._ends - self._starts
+        # What surrounds a surface has larger bounds, while the volume of one that crosses itself may be small.
+        inward, bounds = self._volumes < 0, (self._most - self._least).prod(axis=1)
+        sizes = self._ends - self._starts
         both_ways = (inward & trusted).any() and (~inward & trusted).any()
         if not both_ways or len(trusted) > _MOST_SURFACES:
             return
         larger, compared = dict[int, Indices](), 0
-        for surface in np.argsort(-volumes, kind="stable").tolist():
+        for surface in np.argsort(-bounds, kind="stable").tolist():
             if not trusted[surface]:
                 continue
             compared += len(trusted) // _BOUNDS
@@ -194,7 +196,7 @@ class Interior:
             if not (outer & trusted & (inward != inward[surface])).any():
                 continue
             around = np.flatnonzero(outer)
-            larger[surface] = around[np.argsort(volumes[around], kind="stable")]
+            larger[surface] = around[np.argsort(bounds[around], kind="stable")]
             compared += int((sizes[around] + _COMPARISON).sum())
             if compared > MOST_COMPARED:
                 larger.clear()

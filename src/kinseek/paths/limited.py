@@ -177,7 +177,7 @@ class LimitedJoints:
         scene, room = self._margins, self.room
         assert scene is not None
         exact, keep = self._exact, self._around.clearance + RESERVE
-        granted = set[int]()
+        granted, asked = set[int](), set[int]()
         measured = 0
         while (pair := restriction.pair) >= 0:
             if what == FOLLOW and exact.get(pair, np.inf) < keep + CLOSE:
@@ -193,16 +193,21 @@ class LimitedJoints:
                     self._entered.pop(pair, None)
             elif what == FOLLOW:
                 what = STRAIGHT
-            elif pair not in granted and self._leads_apart(scene, pair, exact[pair]):
+            elif pair not in asked and self._leads_apart(scene, pair):
                 # Where the joints lead bodies apart, or along each other, the reserve is theirs.
+                asked.add(pair)
                 granted.add(pair)
                 room.distance[pair] += RESERVE
+            elif pair in granted and exact[pair] >= keep + RESERVE:
+                # It is not enough for what is desired, and the joints can move without it.
+                granted.remove(pair)
+                room.distance[pair] -= RESERVE
             else:
                 # Others without room would keep the joints where they are.
                 for other in np.flatnonzero(room.distance <= 0.0).tolist():
                     exact[other] = scene.distance(self.motion.q[self._own], other)
                     room.distance[other] = exact[other] - keep
-                    if other in granted or self._leads_apart(scene, other, exact[other]):
+                    if other in granted or self._leads_apart(scene, other):
                         granted.add(other)
                         room.distance[other] += RESERVE
                 restriction = Restriction(*limited_step(self.motion, room, h, what, True))
@@ -211,8 +216,9 @@ class LimitedJoints:
         room.distance[[*granted]] -= RESERVE
         return restriction
 
-    def _leads_apart(self, scene: Margins, pair: int, distance: float) -> bool:
-        """Return whether two bodies at a distance are not closer where what is desired comes to rest."""
+    def _leads_apart(self, scene: Margins, pair: int) -> bool:
+        """Return whether two bodies are not closer where what is desired comes to rest."""
+        distance = self._exact[pair]
         least = max(distance - ALONG, self._entered.setdefault(pair, distance) - WORN)
         return scene.distance(self.motion.rest[self._own], pair) >= least
 
