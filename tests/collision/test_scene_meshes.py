@@ -515,6 +515,7 @@ def test_long_thin_bodies_hold_no_points_beside_them() -> None:
     bars = together((vertices * size, turned_over(cube(1), 0)[1]), (vertices * size + [0, 0.02, 0], faces))
     turn = kinseek.pose([0, 0, 0], rpy=[0.3, -0.2, 0.5])[:3, :3]
     mesh = Mesh(bars[0] @ turn.T, bars[1], False)
+    mesh.holds(bars[0][bars[1][0, :2]].mean(axis=0) @ turn.T)  # The middle of an edge: nothing overflows.
     points = np.column_stack([np.linspace(-9000, 9000, 200), np.full(200, 0.005), np.full(200, 0.02)])
     assert not any(mesh.holds(turn @ point) for point in points)
     assert all(mesh.holds(turn @ (point * [1, 1, 0.1])) for point in points)

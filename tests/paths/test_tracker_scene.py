@@ -173,6 +173,22 @@ def test_a_slow_jog_leaves_enough_room_to_leave() -> None:
     assert scene.distance(tracker.q) > 0.01
 
 
+def test_the_arm_comes_near_the_body_that_holds_it() -> None:
+    """The old bound of another pair left it 2e-6 m of room in every step, so that it stood 8.5 mm away for ever."""
+    pytest.importorskip("coal")
+    arm, rng = kinseek.load("ur5e"), np.random.default_rng(12)
+    home, goal = arm.sample(1, seed=12)[0], arm.fk(arm.sample(1, seed=7789)[0])
+    scene = Scene.of(arm, capsules=0.03)
+    for k in range(6):
+        radius = rng.uniform(0.03, 0.12)
+        scene.add_sphere(f"ball {k}", radius, kinseek.pose(rng.normal(0, 0.45, 3)))
+    tracker = arm.track(home, 0.004, velocity=1.5, scene=scene, recover=False)
+    for _ in range(1500):
+        step = tracker.step(goal)
+    assert step.status is TrackStatus.BRAKING
+    assert scene.distance(step.q) < 1.5e-3
+
+
 def test_no_matrix_is_followed_beside_a_body() -> None:
     """While the hand goes straight after a body held it, any matrix was made a pose near the hand."""
     arm, home = kinseek.load("ur5e"), np.array(HOMES["ur5e"])

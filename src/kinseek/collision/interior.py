@@ -161,7 +161,7 @@ class Interior:
         turns = np.rint(np.add.reduceat(times * np.arctan2(top, bottom), begins) / (2 * np.pi))
         if (times == 1).all():
             return turns.astype(np.int64)
-        error = _ROUNDING * np.abs(times) * la * lb * lc / np.maximum(np.hypot(top, bottom), 1e-300)
+        error = _ROUNDING * np.abs(times) * la * lb * lc / np.maximum(np.hypot(top, bottom), 1e-100)
         # The errors are independent, so their squares add up.
         return np.where(turns**2 > np.add.reduceat(error**2, begins), turns, 0).astype(np.int64)
 

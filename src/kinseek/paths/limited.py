@@ -203,11 +203,15 @@ class LimitedJoints:
                 granted.remove(pair)
                 room.distance[pair] -= RESERVE
             else:
-                # Others without room would keep the joints where they are.
-                for other in np.flatnonzero(room.distance <= 0.0).tolist():
-                    exact[other] = scene.distance(self.motion.q[self._own], other)
-                    room.distance[other] = exact[other] - keep
-                    if other in granted or self._leads_apart(scene, other):
+                # Others whose bounds leave too little room would keep the joints where they are.
+                short = room.distance < room.levers @ self.motion.extent
+                for other in np.flatnonzero(short).tolist():
+                    if other in granted:
+                        continue
+                    if room.distance[other] != exact.get(other, np.inf) - keep:
+                        exact[other] = scene.distance(self.motion.q[self._own], other)
+                        room.distance[other] = exact[other] - keep
+                    if exact[other] < keep + RESERVE and self._leads_apart(scene, other):
                         granted.add(other)
                         room.distance[other] += RESERVE
                 restriction = Restriction(*limited_step(self.motion, room, h, what, True))

@@ -551,6 +551,8 @@ class Tracker:
         restriction = joints.follow(q, self._duration)
         position, orientation = self._goal.errors(joints.motion.q, T)
         if (q != there.now).any():
+            if restriction.pair >= 0 and np.abs(joints.motion.velocity).max() < AT_REST:
+                self._return = None  # A body holds the joints, while the way would end without them.
             return self._reported(TrackStatus.RECOVERING, position, orientation, restriction)
         there.last[:] = state.last
         self._state = there

@@ -20,7 +20,7 @@ from kinseek.support.validation import as_float_array, as_number
 
 from .curve import Curve
 from .law import Law, constant_acceleration
-from .limits import Limits
+from .limits import LARGEST, Limits
 from .shares import Shares, shares_of_limits
 from .tip import chain_to_tip, line_distance, speed_bounds
 
@@ -188,7 +188,7 @@ class Trajectory(Lazy):
         Raises:
             InvalidProblem: The period is not a number above 0, or gives more than `MOST_SAMPLES` samples.
         """
-        period = as_number("period", period, self.duration / MOST_SAMPLES, np.inf, InvalidProblem)
+        period = as_number("period", period, self.duration / MOST_SAMPLES, LARGEST, InvalidProblem)
         if period <= 0.0:
             raise InvalidProblem(f"period must be above 0 [s], got {period:g}")
         # The last multiple is left out if it is the end up to rounding.
