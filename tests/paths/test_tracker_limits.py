@@ -206,6 +206,23 @@ def test_the_joint_and_its_limit_are_named() -> None:
     assert step.limited == (arm.joint_names[0], "position")
 
 
+@pytest.mark.parametrize("jerk", [None, 200.0])
+def test_a_switch_returns_the_joint_values_of_its_steps(jerk: float | None) -> None:
+    """Joints that moved, or were behind their reference, were up to 0.27 rad away from them."""
+    arm, q = kinseek.load("ur5e"), np.array(HOMES["ur5e"])
+    tracker, T = arm.track(q, 0.004, velocity=1.5, acceleration=10.0, jerk=jerk), arm.fk(q)
+    for _ in range(60):
+        T[:2, 3] += 0.0008, 0.0004
+        tracker.step(T)
+    assert np.abs(tracker.step(T).velocity).max() > 0.1
+    rows = tracker.switch()
+    for row in rows:
+        step = tracker.step(T)
+        assert (step.q == row).all()
+        assert step.status is TrackStatus.SWITCHED
+    assert tracker.step(T).status is TrackStatus.TRACKING
+
+
 def test_a_joint_that_brakes_before_its_limit_is_not_at_it() -> None:
     """The status was LIMIT from half a radian before it, on the way to a pose inside."""
     arm = kinseek.load("ur5e").with_limits({"shoulder_pan_joint": (-1.0, 1.0)})
