@@ -260,9 +260,15 @@ class Interior:
         return True
 
     def _turn_outward(self) -> None:
-        """Orient the faces such that solid surfaces have positive volumes, and cavities negative ones."""
+        """Orient the faces such that solid surfaces have positive volumes, and cavities negative ones.
+
+        Sums of surfaces stay as they are, since the sign of their volume is random.
+        """
+        if not len(self._used):
+            return
         cavities = self._is_cavity()
         wrong = self._solid & (self._volumes < 0)
+        wrong &= np.maximum.reduceat(np.abs(self._times), self._starts) == 1
         wrong[cavities] = self._volumes[cavities] > 0
         turned = self._used[np.repeat(wrong, self._ends - self._starts)]
         self.faces[turned] = self.faces[turned, ::-1]
