@@ -17,7 +17,7 @@ from kinseek.kernels.paths.limited import GO, POSITION, Motion
 from kinseek.kernels.paths.servo import NO_POSE, State
 from kinseek.kernels.pointers import ROW
 from kinseek.paths.past import TIMES
-from kinseek.paths.tracker import Tracker
+from kinseek.paths.tracker import AT_REST, Tracker
 from kinseek.problem import Problem
 
 from .c_text import array, guarded, number
@@ -99,6 +99,7 @@ def tracker_design(tracker: Tracker, problem: Problem, ram: int | None) -> Desig
             "LONGEST": repr(TIMES[1]),
             "LOOSE": f"{NO_POSE} /* Results and arguments of the kernels. */",
             "AT_POSITION": POSITION,
+            "AT_REST": f"{AT_REST!r} /* Below this velocity a joint has arrived at its limit [rad/s or m/s]. */",
             "GO": GO,
             "POSITION_TOLERANCE": f"{number(tracker._goal.given.position_tolerance)} /* [m] */",
             "ORIENTATION_TOLERANCE": f"{number(tracker._goal.given.orientation_tolerance)} /* [rad] */",

@@ -43,6 +43,13 @@ static int refused(double dt) {
     return dt >= KINSEEK_SHORTEST && dt <= KINSEEK_LONGEST ? KINSEEK_DONE : KINSEEK_BAD_TIME;
 }
 
+/* The status where a joint is kept from what was desired: one that brakes before its limit has not arrived there. */
+static int kept_back(int64_t joint, int64_t kept) {
+    bool arrived = joints.q[joint] <= limit_lower[joint] || joints.q[joint] >= limit_upper[joint];
+    arrived = arrived || fabs(joints.velocity[joint]) < KINSEEK_AT_REST;
+    return kept == KINSEEK_AT_POSITION && arrived ? KINSEEK_LIMIT : KINSEEK_LAGGING;
+}
+
 /* Change the velocities of the joints to those in joints.wanted. */
 static int go(double dt) {
     int64_t joint = -1, kept = 0, pair = -1;
@@ -54,7 +61,7 @@ static int go(double dt) {
     position_error = orientation_error = NAN;
     if (failed) return KINSEEK_FAILED;
     if (joint < 0) return KINSEEK_TRACKING;
-    return kept == KINSEEK_AT_POSITION ? KINSEEK_LIMIT : KINSEEK_LAGGING;
+    return kept_back(joint, kept);
 }
 
 static int brake(double dt) {
@@ -96,7 +103,7 @@ int kinseek_track_pose(const double pose[16], double dt, double q[KINSEEK_DOF], 
     status = KINSEEK_TRACKING + (int)ended;
     if (joint >= 0) { /* The joints are not yet at the values that track the pose. */
         bool near = position_error <= KINSEEK_POSITION_TOLERANCE && orientation_error <= KINSEEK_ORIENTATION_TOLERANCE;
-        status = near ? KINSEEK_TRACKING : kept == KINSEEK_AT_POSITION ? KINSEEK_LIMIT : KINSEEK_LAGGING;
+        status = near ? KINSEEK_TRACKING : kept_back(joint, kept);
     }
     return told(status, q, velocity, acceleration);
 }
