@@ -601,7 +601,9 @@ def test_what_dirty_bodies_of_many_patches_enclose_is_solid() -> None:
 def test_the_marks_of_triangles_are_not_known() -> None:
     """With marks that everybody knows, the triangles of a body could be ordered so that an open part adds up to 0."""
     corners = cube(4)[1]
-    one, other = (closed_surfaces._triangles(corners).marks[0] for _ in range(2))
+    one, other = (
+        closed_surfaces._triangles(corners, *closed_surfaces._edges(corners)).marks[0] for _ in range(2)
+    )
     assert one != other
 
 

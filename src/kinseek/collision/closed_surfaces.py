@@ -25,7 +25,7 @@ SAME = 9
 OPEN = -1
 """In place of the number of a closed surface: the triangle belongs to none."""
 
-MOST_COMBINED = 2**22
+_MOST_COMBINED = 2**22
 """Most numbers that elimination combines: some seconds."""
 
 _PER_SUM = 16
@@ -35,8 +35,7 @@ _MOST_TIMES = 64
 """A closed surface to which a triangle belongs more often is left out; this prevents overflow."""
 
 _LARGEST = 2**24
-"""Largest random factor in a sum of closed surfaces: the windings of several cancel at a point with this probability, and
-rounding errors stay far below 1."""
+"""Largest random factor in a sum of closed surfaces: the windings of several cancel at one point in so many."""
 
 _PEELINGS = 50
 """Rounds in which patches that enclose nothing are left out."""
@@ -70,9 +69,11 @@ def closed_surfaces(vertices: Array, faces: Indices) -> ClosedSurfaces:
     corners = places.ravel()[faces]
     extended = np.flatnonzero((corners != np.roll(corners, 1, axis=1)).all(axis=1))
     corners = corners[extended]
-    found = _divided(corners)
+    edges, forward = _edges(corners)
+    found = _divided(corners, edges, forward)
     in_body = np.flatnonzero(found.body != OPEN)
-    flipped, part, closed, oriented = _surfaces(_apart(corners[in_body], found.body[in_body]))
+    apart = _apart(edges[in_body], found.body[in_body])
+    flipped, part, closed, oriented = _surfaces(apart, forward[in_body])
     oriented[part[found.both_ways[in_body]]] = False
     faces, turned = faces.copy(), extended[in_body[flipped]]
     faces[turned] = faces[turned, ::-1]
@@ -109,13 +110,19 @@ class _Divided(NamedTuple):
     """How many numbers elimination combined."""
 
 
-def _divided(corners: Indices) -> _Divided:
-    """Divide triangles, (f, 3), with three different corners into bodies, and groups that do not consist of bodies."""
+def _divided(corners: Indices, edges: Indices, forward: Bools) -> _Divided:
+    """Divide triangles into bodies, and groups that do not consist of bodies.
+
+    Args:
+        corners: Three different corners of each, (f, 3).
+        edges: Its edges, (f, 3), see `_edges`.
+        forward: In which direction it passes them, (f, 3).
+    """
     number = len(corners)
     body, times = np.zeros(number, dtype=np.int64), np.zeros(number, dtype=np.int64)
-    if not _shares_edges(corners):
+    if (np.bincount(edges.ravel()) <= 2).all():
         return _Divided(body, np.zeros(number, dtype=np.bool_), body, times, True, 0)
-    all_of = _triangles(corners)
+    all_of = _triangles(corners, edges, forward)
     once = _once(np.arange(number), all_of.same)
     members = np.flatnonzero(np.isin(all_of.same, all_of.same[once[_may_enclose(all_of.edges[once])]]))
     group = np.full(number, OPEN)
@@ -138,20 +145,13 @@ def _divided(corners: Indices) -> _Divided:
     return _Divided(body, both_ways, group, times, whole, combined)
 
 
-def _shares_edges(corners: Indices) -> bool:
-    """Return whether one edge belongs to more than two triangles."""
-    ends = np.sort(corners[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    edges = np.sort(ends[:, 0] * (corners.max(initial=0) + 1) + ends[:, 1])
-    return bool((edges[2:] == edges[:-2]).any())
-
-
 class _Triangles(NamedTuple):
     """Triangles, and what shows which of them are closed."""
 
-    corners: Indices
-    """Three different corners of each, (f, 3)."""
     edges: Indices
     """Numbers of the edges of each, (f, 3)."""
+    forward: Bools
+    """In which direction each passes them, (f, 3)."""
     same: Indices
     """A number that only triangles with the same corners share, (f,)."""
     sign: Indices
@@ -160,15 +160,14 @@ class _Triangles(NamedTuple):
     """Numbers for what bounds each triangle, and for itself; they add up to 0 if they cancel."""
 
 
-def _triangles(corners: Indices) -> _Triangles:
+def _triangles(corners: Indices, edges: Indices, forward: Bools) -> _Triangles:
     """Mark triangles with three different corners, (f, 3)."""
-    edges, forward = _edges(corners)
     same, sign = _distinct(corners)
     # Who makes a file must not know the marks, or other sets could add up to 0.
     random = np.random.default_rng()
     of_edge, own = (random.integers(1, 2**60, int(k.max()) + 1)[k] for k in (edges, same))
-    around = (of_edge * np.where(forward, 1, -1)).reshape(-1, 3).sum(axis=1)
-    return _Triangles(corners, edges.reshape(-1, 3), same, sign, (around.tolist(), (own * sign).tolist()))
+    around = (of_edge * np.where(forward, 1, -1)).sum(axis=1)
+    return _Triangles(edges, forward, same, sign, (around.tolist(), (own * sign).tolist()))
 
 
 def _may_enclose(edges: Indices) -> Bools:
@@ -183,12 +182,10 @@ def _may_enclose(edges: Indices) -> Bools:
     left = np.arange(len(edges))
     for _ in range(_PEELINGS):
         around = edges[left]
-        counts = np.bincount(around.ravel())
-        ends = (counts[around] == 1).any(axis=1)
+        ends = (np.bincount(around.ravel())[around] == 1).any(axis=1)
         if not ends.any():
             break
-        one, other = _across(around.ravel(), counts)
-        patch = _components(len(left), one // 3, other // 3)
+        patch = _patches(around)
         left = left[~np.isin(patch, patch[ends])]
     found = np.zeros(len(edges), dtype=np.bool_)
     found[left] = True
@@ -234,7 +231,7 @@ def _bodies(
             runs.setdefault(key.tobytes(), run)
     rows = np.concatenate([members[:0], *runs.values()])
     run = np.repeat(np.arange(len(runs)), [len(each) for each in runs.values()])
-    crossing = rows[_end_in_sums(_apart(all_of.corners[rows], run))]
+    crossing = rows[_end_in_sums(_apart(all_of.edges[rows], run), all_of.forward[rows])]
     missed = np.setdiff1d(members, np.concatenate(used))
     mixed = np.unique(group[np.concatenate([missed, crossing, np.array(doubtful, dtype=np.int64)])])
     others = set(mixed.tolist())
@@ -243,13 +240,11 @@ def _bodies(
     return clean, closed, members[np.isin(group[members], mixed)]
 
 
-def _end_in_sums(corners: Indices) -> Bools:
+def _end_in_sums(edges: Indices, forward: Bools) -> Bools:
     """Return which triangles belong to patches that are not closed by themselves, though their sums are, (f, 3) -> (f,)."""
-    if not len(corners):
+    if not len(edges):
         return np.zeros(0, dtype=np.bool_)
-    edges, forward = _edges(corners)
-    one, other = _across(edges, np.bincount(edges))
-    patch = _components(len(corners), one // 3, other // 3)
+    patch = _patches(edges)
     ending, _, _ = _ends(edges, np.where(forward, 1, -1), patch)
     return np.isin(patch, ending)
 
@@ -311,7 +306,7 @@ def _sums(
     opened = np.concatenate([once[:0], *(run[private[run]][:1] for run in closed)])
     left = once[~np.isin(same[once], same[opened])]
     left = left[_may_enclose(all_of.edges[left])]
-    times, complete, combined = _basis_sum(all_of.corners[left], group[left])
+    times, complete, combined = _basis_sum(all_of.edges[left], all_of.forward[left], group[left])
     total = np.zeros(len(same), dtype=np.int64)
     total[same[left]] = sign[left] * times
     factors = np.random.default_rng().integers(1, _LARGEST, len(closed))
@@ -321,25 +316,24 @@ def _sums(
     return found, complete, combined
 
 
-def _basis_sum(corners: Indices, group: Indices) -> tuple[Indices, bool, int]:
+def _basis_sum(edges: Indices, forward: Bools, group: Indices) -> tuple[Indices, bool, int]:
     """Return the sum of a basis of the closed surfaces that triangles form with those of their group, with random factors.
 
     This is Gaussian elimination with whole numbers, of patches that end only where other than two triangles meet.
 
     Args:
-        corners: Different triangles, (f, 3).
+        edges: Edges of different triangles, (f, 3).
+        forward: In which direction they pass them, (f, 3).
         group: The group of each, (f,).
 
     Returns:
         How often each triangle counts, negative if it is turned over, (f,); whether that is the whole basis, which takes at
-        most `MOST_COMBINED` numbers; and how many numbers were combined.
+        most `_MOST_COMBINED` numbers; and how many numbers were combined.
     """
-    if not len(corners):
+    if not len(edges):
         return np.zeros(0, dtype=np.int64), True, 0
-    edges, forward = _edges(corners)
-    one, other = _across(edges, np.bincount(edges))
-    flipped, patch, sound = _oriented(len(corners), one // 3, other // 3, forward[one] == forward[other])
-    patches, ends, times = _ends(edges, np.where(forward != np.repeat(flipped, 3), 1, -1), patch)
+    flipped, patch, sound = _oriented(edges, forward)
+    patches, ends, times = _ends(edges, np.where(forward != flipped[:, None], 1, -1), patch)
     since = np.searchsorted(patches, np.arange(len(sound) + 1))
     _, first = np.unique(patch, return_index=True)
     in_group = np.bincount(group[first])
@@ -352,10 +346,10 @@ def _basis_sum(corners: Indices, group: Indices) -> tuple[Indices, bool, int]:
             continue
         own = slice(since[k], since[k + 1])
         rest, sum_of = dict(zip(ends[own].tolist(), times[own].tolist(), strict=True)), {k: 1}
-        while rest and combined <= MOST_COMBINED and (pivot := pivots.get(edge := min(rest))):
+        while rest and combined <= _MOST_COMBINED and (pivot := pivots.get(edge := min(rest))):
             combined += _PER_SUM + sum(map(len, (rest, sum_of, *pivot)))
             rest, sum_of = _without(edge, (rest, sum_of), pivot)
-        if combined > MOST_COMBINED:
+        if combined > _MOST_COMBINED:
             complete = False
             break
         if rest:
@@ -372,8 +366,8 @@ def _ends(edges: Indices, ways: Indices, patch: Indices) -> tuple[Indices, Indic
     """Return how often each patch passes the edges at which it ends, in their directions.
 
     Args:
-        edges: The edges of triangles, (3 f,).
-        ways: In which direction, 1 or -1, (3 f,).
+        edges: The edges of triangles, (f, 3).
+        ways: In which direction, 1 or -1, (f, 3).
         patch: The patch of each triangle, (f,).
 
     Returns:
@@ -381,9 +375,9 @@ def _ends(edges: Indices, ways: Indices, patch: Indices) -> tuple[Indices, Indic
         patches end in the same way, only one.
     """
     number = int(edges.max()) + 1
-    keys, at = np.unique(np.repeat(patch, 3) * number + edges, return_inverse=True)
+    keys, at = np.unique((patch[:, None] * number + edges).ravel(), return_inverse=True)
     times = np.zeros(len(keys), dtype=np.int64)
-    np.add.at(times, at, ways)
+    np.add.at(times, at, ways.ravel())
     patches, ends = np.divmod(keys[times != 0], number)
     times = times[times != 0]
     # Edges are equal if the marks of their patches add up to the same, modulo 2**64.
@@ -415,11 +409,11 @@ def _without(edge: int, one: _Sum, other: _Sum) -> _Sum:
     return rest, sum_of
 
 
-def _apart(corners: Indices, part: Indices) -> Indices:
-    """Return triangles, (f, 3), with other corners in each part, so that parts have none in common."""
+def _apart(edges: Indices, part: Indices) -> Indices:
+    """Return other numbers of edges, (f, 3), in each part, so that parts have none in common."""
     if not part.any():
-        return corners
-    _, renamed = np.unique(part[:, None] * (corners.max() + 1) + corners, return_inverse=True)
+        return edges
+    _, renamed = np.unique(part[:, None] * (edges.max() + 1) + edges, return_inverse=True)
     return renamed.reshape(-1, 3)
 
 
@@ -439,41 +433,40 @@ def _distinct(corners: Indices) -> tuple[Indices, Indices]:
     return same, np.where(((corners[:, [1, 2, 0]] > corners).sum(axis=1)) == 2, 1, -1)
 
 
-def _surfaces(corners: Indices) -> tuple[Bools, Indices, Bools, Bools]:
+def _surfaces(edges: Indices, forward: Bools) -> tuple[Bools, Indices, Bools, Bools]:
     """Divide triangles into surfaces, each with triangles that are oriented alike.
 
     Args:
-        corners: Triangles, (f, 3). Where more than two meet at an edge, surfaces touch themselves.
+        edges: Edges of triangles, (f, 3). Where more than two meet, surfaces touch themselves.
+        forward: In which direction they pass them, (f, 3).
 
     Returns:
         Which triangles are turned over, (f,); the surface of each, (f,); which surfaces are closed, (s,); and of which no
         triangle was turned over, (s,).
     """
-    if not len(corners):
+    if not len(edges):
         return np.zeros(0, bool), np.zeros(0, dtype=np.int64), np.zeros(0, bool), np.zeros(0, bool)
-    edges, forward = _edges(corners)
-    counts = np.bincount(edges)
-    one, other = _across(edges, counts)
-    flipped, surface, closed = _oriented(len(corners), one // 3, other // 3, forward[one] == forward[other])
-    closed[surface[np.flatnonzero(counts[edges] == 1) // 3]] = False
+    flipped, surface, closed = _oriented(edges, forward)
+    closed[surface[(np.bincount(edges.ravel())[edges] == 1).any(axis=1)]] = False
     alike = np.ones(len(closed), dtype=bool)
     alike[surface[flipped]] = False
     return flipped, surface, closed, alike
 
 
-def _oriented(number: int, one: Indices, other: Indices, contradict: Bools) -> tuple[Bools, Indices, Bools]:
-    """Orient triangles like their neighbours.
+def _oriented(edges: Indices, forward: Bools) -> tuple[Bools, Indices, Bools]:
+    """Orient triangles like their neighbours across edges of exactly two of them.
 
     Args:
-        number: Number of triangles.
-        one: Pairs of neighbours, (k,).
-        other: Their partners, (k,).
-        contradict: Which pairs are oriented differently, (k,).
+        edges: Edges of triangles, (f, 3).
+        forward: In which direction they pass them, (f, 3).
 
     Returns:
         Which triangles are turned over, (f,); the patch of connected triangles of each, (f,); and which patches can be
         oriented, (p,): a Klein bottle cannot.
     """
+    number, (one, other) = len(edges), _across(edges)
+    contradict = forward.ravel()[one] == forward.ravel()[other]
+    one, other = one // 3, other // 3
     patch = _components(number, one, other)
     sound = np.ones(patch.max() + 1, dtype=bool)
     if not contradict.any():
@@ -490,17 +483,24 @@ def _oriented(number: int, one: Indices, other: Indices, contradict: Bools) -> t
 
 
 def _edges(corners: Indices) -> tuple[Indices, Bools]:
-    """Return numbers of the edges of triangles, (3 f,), and in which direction each passes its edge, (3 f,)."""
-    ends = corners[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-    low, high = ends.min(axis=1), ends.max(axis=1)
-    _, edges = np.unique(low * (int(corners.max()) + 1) + high, return_inverse=True)
-    return edges.ravel(), ends[:, 0] < ends[:, 1]
+    """Return numbers of the edges of triangles, (f, 3), and in which direction each passes its edge, (f, 3)."""
+    begin, end = corners, corners[:, [1, 2, 0]]
+    keys = np.minimum(begin, end) * (int(corners.max(initial=0)) + 1) + np.maximum(begin, end)
+    _, edges = np.unique(keys.ravel(), return_inverse=True)
+    return edges.reshape(-1, 3), begin < end
 
 
-def _across(edges: Indices, counts: Indices) -> tuple[Indices, Indices]:
-    """Return where each edge that belongs to exactly two triangles is passed by one and by the other, (k,) each."""
-    order, starts = np.argsort(edges, kind="stable"), np.cumsum(counts) - counts
+def _across(edges: Indices) -> tuple[Indices, Indices]:
+    """Return where each edge, (f, 3), of exactly two triangles is passed by one and by the other, (k,) each, of 3 f."""
+    counts = np.bincount(edges.ravel())
+    order, starts = np.argsort(edges.ravel(), kind="stable"), np.cumsum(counts) - counts
     return order[starts[counts == 2]], order[starts[counts == 2] + 1]
+
+
+def _patches(edges: Indices) -> Indices:
+    """Return the patch of triangles, with edges (f, 3), that are connected across edges of exactly two of them, (f,)."""
+    one, other = _across(edges)
+    return _components(len(edges), one // 3, other // 3)
 
 
 def _chained(edges: Indices) -> tuple[Indices, Indices]:

@@ -294,7 +294,7 @@ class Contents:
         for other in touches:
             self._require(other, self._bodies)
         part = _part(shape, pose)
-        frame, is_new = self._links[to], self._is_new(name)
+        frame = self._links[to]
         thicker = length_or_zero("padding", padding)
         body = Body(self._new(name, replace), frame, [part], is_attached=True, padding=thicker)
         draft = copy(self)
@@ -302,7 +302,7 @@ class Contents:
         for other in {to, *touches} & self._bodies.keys():
             draft._never[key(name, other)] = ATTACHED if other == to else MAY_TOUCH
         draft._sample(self._samples, False, name)
-        if is_new:
+        if name not in self._bodies:
             self._warn_if_far([body])
         self._become(draft)
 
@@ -511,9 +511,8 @@ class Contents:
     ) -> None:
         """Add a shape; see `add`. The caller is a method that the user calls: a warning blames the line that calls it."""
         part, draft = _part(shape, pose), copy(self)
-        is_new = draft._is_new(name)
         body = Body(draft._new(name, replace), Frame(0, np.eye(4)), [part])
-        if is_new:  # A program that replaces a body many times is told once.
+        if name not in draft._bodies:  # A program that replaces a body many times is told once.
             self._warn_if_far([body], level=4)
         draft._enter(body)
         draft._notes.extend(notes)
@@ -533,18 +532,9 @@ class Contents:
         origin = "the joint that carries it" if body.frame.joints else "the base"
         warn_of_distance(distance, self._chain.reach, level, what, origin)
 
-    def _is_new(self, name: str) -> bool:
-        """Return whether there is no body of this name.
-
-        Raises:
-            InvalidScene: It is not a name.
-        """
+    def _new(self, name: str, replace: bool = False) -> str:
         if not isinstance(name, str) or not name:
             raise InvalidScene(f"a body needs a name, got {name!r:.200}")
-        return name not in self._bodies
-
-    def _new(self, name: str, replace: bool = False) -> str:
-        self._is_new(name)
         others = {body for arm in self._others.values() for body in arm.names}
         if (
             as_flag("replace", replace, InvalidScene)

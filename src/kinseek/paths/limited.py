@@ -186,11 +186,8 @@ class LimitedJoints:
                 # Joints have moved since it was measured.
                 if measured == FEW:
                     self._measure(scene)
-                exact[pair] = scene.distance(self.motion.q[self._own], pair)
-                room.distance[pair] = exact[pair] - keep
+                self._measure_pair(scene, pair, keep)
                 measured += 1
-                if exact[pair] >= keep:
-                    self._entered.pop(pair, None)
             elif what == FOLLOW:
                 what = STRAIGHT
             elif pair not in asked and self._leads_apart(scene, pair):
@@ -209,8 +206,7 @@ class LimitedJoints:
                     if other in granted:
                         continue
                     if room.distance[other] != exact.get(other, np.inf) - keep:
-                        exact[other] = scene.distance(self.motion.q[self._own], other)
-                        room.distance[other] = exact[other] - keep
+                        self._measure_pair(scene, other, keep)
                     if exact[other] < keep + RESERVE and self._leads_apart(scene, other):
                         granted.add(other)
                         room.distance[other] += RESERVE
@@ -219,6 +215,13 @@ class LimitedJoints:
             restriction = Restriction(*limited_step(self.motion, room, h, what, False))
         room.distance[[*granted]] -= RESERVE
         return restriction
+
+    def _measure_pair(self, scene: Margins, pair: int, keep: float) -> None:
+        """Measure the distance of a pair, of which the joints may use what is more than `keep` [m]."""
+        self._exact[pair] = distance = scene.distance(self.motion.q[self._own], pair)
+        self.room.distance[pair] = distance - keep
+        if distance >= keep:
+            self._entered.pop(pair, None)
 
     def _leads_apart(self, scene: Margins, pair: int) -> bool:
         """Return whether two bodies are not closer where what is desired comes to rest."""
